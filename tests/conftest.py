@@ -1,0 +1,44 @@
+"""What the tests share: the real clips where there are some, a small random skeleton, quiet defaults."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+
+import numpy as np
+import pytest
+
+from tutorial_lib.motion import Motion, Skeleton
+from tutorial_lib.motion.rotations import quat_normalize
+
+
+@pytest.fixture(scope="session")
+def real_data() -> pathlib.Path:
+    """The folder of real clips that TUTORIAL_DATA names; tests that need one are skipped without."""
+    folder = os.environ.get("TUTORIAL_DATA")
+    if not folder:
+        pytest.skip("TUTORIAL_DATA is not set: no real clips here")
+    return pathlib.Path(folder)
+
+
+@pytest.fixture
+def small_skeleton() -> Skeleton:
+    """Seven nodes, three of them end sites, three Euler orders."""
+    return Skeleton(
+        ("root", "spine", "spine_end", "leg", "shin", "shin_end", "leg_end"),
+        (-1, 0, 1, 0, 3, 4, 3),
+        np.array([[0, 0, 0], [0, 0.5, 0], [0, 0.3, 0.1], [0.1, -0.1, 0], [0, -0.4, 0], [0, -0.4, 0], [0.1, 0, 0]]),
+        ("ZYX", "ZXY", "ZXY", "XYZ", "ZXY", "ZXY", "ZXY"),
+        frozenset({2, 5, 6}),
+    )
+
+
+@pytest.fixture
+def small_motion(small_skeleton: Skeleton) -> Motion:
+    """Fifty smooth frames of the small skeleton at 30 frames a second."""
+    rng = np.random.default_rng(7)
+    steps = rng.normal(scale=0.05, size=(50, small_skeleton.n_joints, 4)).cumsum(0)
+    steps[:, sorted(small_skeleton.end_sites)] = 0.0
+    rotations = quat_normalize(steps + np.array([1.0, 0, 0, 0]))
+    root = rng.normal(scale=0.02, size=(50, 3)).cumsum(0) + np.array([0.0, 0.9, 0.0])
+    return Motion.from_rotations(small_skeleton, 30.0, root, rotations, name="small")

@@ -1,0 +1,103 @@
+"""Reading numbers out of text files quickly, and saying which line is wrong when one is."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import MotionFileError
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Text:
+    """A file's text, and its lines without their ends."""
+
+    lines: list[str]
+
+
+def read_text(path: str | os.PathLike) -> Text:
+    """A text file's lines, whatever its line ends, with or without a byte order mark."""
+    path = pathlib.Path(path)
+    try:
+        raw = path.read_bytes()
+    except FileNotFoundError:
+        raise MotionFileError(path, "no such file") from None
+    except OSError as error:
+        raise MotionFileError(path, f"cannot be read ({error.strerror})") from None
+    if not raw.strip():
+        raise MotionFileError(path, "the file is empty")
+    if b"\0" in raw[:65536]:
+        raise MotionFileError(path, "a binary file, expected text")
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")  # joint names in an old Windows encoding; numbers are the same
+    return Text(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
+
+
+def shown(text: str, width: int = 40) -> str:
+    """``text`` in quotes, cut so that an error stays one short line."""
+    text = " ".join(text[: 4 * width].split())
+    return repr(text if len(text) <= width else text[:width] + "...")
+
+
+def number(word: str) -> float | None:
+    """The finite number that ``word`` is, else None: no NaN, infinity, decimal comma or underscore."""
+    if _NUMBER.fullmatch(word) is None:
+        return None
+    value = float(word)
+    return value if np.isfinite(value) else None
+
+
+def numbers(path, line: int, words: list[str], count: int, what: str) -> list[float]:
+    """``count`` finite numbers from ``words``; ``MotionFileError`` says which word is not one."""
+    if len(words) != count:
+        raise MotionFileError(path, f"{what}: {len(words)} numbers, expected {count}", line)
+    values = []
+    for word in words:
+        value = number(word)
+        if value is None:
+            raise MotionFileError(path, f"{what}: {shown(word)}, expected a finite number with a decimal point", line)
+        values.append(value)
+    return values
+
+
+def numbers_table(path, text: Text, first: int, columns: int, rows: int) -> np.ndarray:
+    """``(rows, columns)`` numbers from the lines after the first ``first``; blank lines do not count."""
+    lines = text.lines[first:]
+    while lines and not lines[-1].strip():
+        lines.pop()
+    try:
+        if not lines:
+            raise ValueError
+        values = np.loadtxt(lines, dtype=np.float64, comments=None, ndmin=2)
+        if values.shape == (rows, columns) and np.isfinite(values).all():
+            return values
+    except ValueError:  # a word that is no number, or rows of different lengths
+        pass
+    return _parse_slow(path, lines, first, columns, rows)
+
+
+def _parse_slow(path, lines: list[str], first: int, columns: int, rows: int) -> np.ndarray:
+    """Line by line, to name the first one that is wrong."""
+    table = []
+    for n, raw in enumerate(lines, first + 1):
+        words = raw.split()
+        if not words:
+            continue
+        if len(table) == rows:
+            raise MotionFileError(path, f"a row after the last of {rows} frames, expected the end of the file", n)
+        if len(words) != columns:
+            raise MotionFileError(path, f"{len(words)} numbers in the row, expected {columns}, one a channel", n)
+        table.append(numbers(path, n, words, columns, f"frame {len(table) + 1}"))
+    if len(table) != rows:
+        raise MotionFileError(
+            path, f"the file ends after {len(table)} frames, expected {rows} as Frames: says", first + len(lines)
+        )
+    return np.array(table, dtype=np.float64).reshape(rows, columns)
