@@ -1,0 +1,244 @@
+"""Metrics on motions whose error, standstill, slide and stretch are known beforehand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from tutorial_lib import metrics
+from tutorial_lib.errors import TutorialError
+from tutorial_lib.motion import Skeleton, read_motion
+from tutorial_lib.representations import make_representation
+
+
+def both(array):
+    """The same numbers as an array and as a tensor."""
+    return (np.asarray(array, dtype=np.float64), torch.tensor(array, dtype=torch.float64))
+
+
+def close(found, expected, **tolerance):
+    np.testing.assert_allclose(np.asarray(found), expected, **(tolerance or {"rtol": 1e-9, "atol": 1e-12}))
+
+
+# -- distance to the truth ---------------------------------------------------------------------------------
+
+
+def test_frame_distance():
+    for a in both([[[3.0, 4.0], [0, 0]]]):
+        found = metrics.frame_distance(a, a * 0)
+        assert type(found) is type(a)
+        close(found, [[5, 0]])
+
+
+def test_times_are_counted_from_the_seeds_last_frame():
+    assert metrics.frames_at(metrics.PAPER_TIMES_MS, 25) == [2, 4, 6, 8, 10, 12, 14, 16]
+    assert metrics.frames_at(metrics.PAPER_TIMES_MS, 30) == [2, 5, 7, 10, 12, 14, 17, 19]
+    assert metrics.frames_at((80, 1), 60) == [5, 1]
+
+
+def test_prediction_error_by_hand():
+    """Frame t is off by (3t, 4t) for one seed and not at all for the other: 5 t / 2 on average."""
+    t = np.arange(1, 21.0)
+    off = np.stack([np.stack([3 * t, 4 * t], 1), np.zeros((20, 2))])
+    truth = np.random.default_rng(0).normal(size=(2, 20, 2))
+    for p, q in zip(both(truth + off), both(truth), strict=True):
+        close(metrics.prediction_error(p, q, 25.0), 2.5 * np.arange(2, 17, 2))
+        close(metrics.prediction_error(p, q, 25.0, times_ms=[400]), [25])
+
+
+def test_prediction_error_refuses():
+    x = np.zeros((2, 10, 3))
+    with pytest.raises(TutorialError, match="640 ms at 30 .* 19 frames.* have 10"):
+        metrics.prediction_error(x, x, 30.0)
+    with pytest.raises(TutorialError, match=r"\(2, 10, 3\) .* \(2, 10, 4\)"):
+        metrics.prediction_error(x, np.zeros((2, 10, 4)), 30.0)
+    with pytest.raises(TutorialError, match="3 and of 4"):
+        metrics.frame_distance(x, np.zeros((2, 10, 4)))
+
+
+# -- does it still move ------------------------------------------------------------------------------------
+
+
+def test_motion_change_by_hand():
+    x = np.array([[[0.0, 0], [3, 4], [3, 4]], [[1.0, 1], [1, 2], [1, 4]]])
+    for f in both(x):
+        close(metrics.frame_change(f), [[5, 0], [1, 2]])
+        close(metrics.motion_change(f), [3, 1])
+        close(metrics.motion_change(f[0]), [5, 0])
+    with pytest.raises(TutorialError, match="at least 2"):
+        metrics.motion_change(x[:, :1])
+
+
+def test_moving_mean():
+    curve = np.random.default_rng(0).normal(size=(3, 50))
+    for c in both(curve):
+        close(metrics.moving_mean(c, 7), np.stack([np.convolve(row, np.ones(7) / 7, "valid") for row in curve]))
+    with_nan = curve[0].copy()
+    with_nan[10] = np.nan
+    assert np.flatnonzero(np.isnan(metrics.moving_mean(with_nan, 7))).tolist() == list(range(4, 11))
+    with pytest.raises(TutorialError, match="51 .* 50"):
+        metrics.moving_mean(curve, 51)
+
+
+def test_freezing_time():
+    """At 10 fps: moves by 1 a frame, by 0.01 from 3 s on; a pause from 1 to 1.5 s is too short to count."""
+    change = np.ones((4, 100))
+    change[0, 30:] = 0.01
+    change[1, 10:15] = 0.0
+    change[2, 30:] = 0.06
+    change[3] = np.nan
+    for c in both(change):
+        # the mean over 1 s is below 0.05 first when all ten values are 0.01: one 1 more would make it 0.109
+        found = metrics.freezing_time(c, 1.0, 10.0, fraction=0.05)
+        assert type(found) is type(c)
+        close(found, [3.0, np.inf, np.inf, np.inf])
+        close(metrics.freezing_time(c, 1.0, 10.0, fraction=0.1), [3.0, np.inf, 3.0, np.inf])
+        close(metrics.freezing_time(c, 1.0, 10.0, fraction=0.1, seconds=0.5), [3.0, 1.0, 3.0, np.inf])
+        close(metrics.freezing_time(c[0], np.float64(1.0), 10.0), 3.0)
+        assert metrics.freezing_time(c, 0.05, 10.0)[0] == np.inf  # a slow truth
+    with pytest.raises(TutorialError, match="100 .* at least 200 .* 20 s"):
+        metrics.freezing_time(change, 1.0, 10.0, seconds=20)
+    with pytest.raises(TutorialError, match="above zero"):
+        metrics.freezing_time(change, 0.0, 10.0)
+
+
+def test_stagnations_are_counted_and_recovered_from():
+    change = np.ones(200)
+    change[50:75] = 0
+    change[120:131] = 0
+    change[150:155] = 0  # half a second: too short
+    for c in both(change):
+        assert metrics.stagnations(c, 1.0, 10.0, fraction=0.05) == [(5.0, 2.5), (12.0, 1.1)]
+    assert metrics.stagnations(np.ones(30), 1.0, 10.0) == []
+    with pytest.raises(TutorialError, match="one motion"):
+        metrics.stagnations(np.ones((2, 30)), 1.0, 10.0)
+
+
+# -- is it still a person ----------------------------------------------------------------------------------
+
+
+def test_divergence_time():
+    positions = np.zeros((4, 30, 3, 3))
+    positions[:, :, 0] = (100, 0, 50)  # where the root is does not matter
+    positions[:, :, 1] = (100, 1.0, 50)
+    positions[:, :, 2] = (100, 1.0, 50)
+    positions[1, 12, 2] = (100, 1.4, 50)  # far, but within 1.5 times
+    positions[2, 12, 2] = (101.2, 1.0, 50)  # 1.56
+    positions[3, 20, 1, 0] = np.nan
+    for p in both(positions):
+        assert float(metrics.reach(p[0])) == pytest.approx(1.0)
+        close(metrics.divergence_time(p, 1.0, 10.0), [np.inf, np.inf, 1.2, 2.0])
+        close(metrics.divergence_time(p, metrics.reach(p[:1]), 10.0, factor=1.3), [np.inf, 1.2, 1.2, 2.0])
+        assert np.asarray(metrics.diverged(p, 1.0)).tolist() == [False, False, True, True]
+        close(metrics.divergence_time(p[2], 1.0, 10.0), 1.2)
+
+
+# -- feet --------------------------------------------------------------------------------------------------
+
+
+def stepping(slide: float, fps: float = 20.0) -> np.ndarray:
+    """One foot: a second on the ground sliding at ``slide`` m/s, a second in the air at 3 m/s, and again."""
+    x, y, place = [], [], 0.0
+    for _ in range(2):
+        for height, speed in ((0.08, slide), (0.3, 3.0)):
+            for _ in range(int(fps)):
+                x.append(place)
+                y.append(height)
+                place += speed / fps
+    positions = np.zeros((len(x), 2, 3))
+    positions[:, 1, 2], positions[:, 1, 1] = x, y
+    return positions
+
+
+def test_foot_skate():
+    for p in both(np.stack([stepping(0.0), stepping(0.15)])):
+        contact = np.asarray(metrics.foot_contacts(p, [1], 20.0))
+        # steps between two frames on the ground; frame 19 to 20 lifts off
+        assert np.flatnonzero(contact[1, :, 0]).tolist() == list(range(19)) + list(range(40, 59))
+        found = metrics.foot_skate(p, [1], 20.0)
+        assert type(found) is type(p)
+        close(found, [0.0, 15.0], atol=1e-9)
+        close(metrics.foot_skate(p[1], [1], 20.0), 15.0)
+        # against the standing height of real clips, a figure that hovers 10 cm has no contact
+        hovering = p + p.new_tensor([0, 0.1, 0]) if isinstance(p, torch.Tensor) else p + np.array([0, 0.1, 0])
+        close(metrics.foot_skate(hovering, [1], 20.0, standing=metrics.standing_heights(p, [1])), [0, 0])
+        close(metrics.standing_heights(p, [1]), [[0.08], [0.08]])
+
+
+def test_a_swinging_foot_near_the_ground_does_not_slide():
+    fast = np.zeros((40, 1, 3))
+    fast[:, 0, 0] = np.arange(40) * 2.0 / 20  # 2 m/s at height zero
+    assert metrics.foot_skate(fast, [0], 20.0) == 0
+    close(metrics.foot_skate(fast, [0], 20.0, speed=3.0), 200)
+    with pytest.raises(TutorialError, match="T >= 2"):
+        metrics.foot_skate(fast[:1], [0], 20.0)
+
+
+def test_foot_joints_by_name():
+    from tutorial_lib.motion.skeletons import COMMON_JOINTS, COMMON_PARENTS
+
+    parents = tuple(-1 if p is None else COMMON_JOINTS.index(p) for p in COMMON_PARENTS.values())
+    skeleton = Skeleton(COMMON_JOINTS, parents, np.ones((21, 3)))
+    assert [COMMON_JOINTS[j] for j in metrics.foot_joints(skeleton)] == [
+        "LeftFoot", "LeftToe", "RightFoot", "RightToe",
+    ]  # fmt: skip
+    with pytest.raises(TutorialError, match="unknown skeleton"):
+        metrics.foot_joints(Skeleton(("a", "b"), (-1, 0), np.ones((2, 3))))
+
+
+# -- bones -------------------------------------------------------------------------------------------------
+
+
+def test_bone_length_drift():
+    skeleton = Skeleton(("a", "b", "c", "d"), (-1, 0, 1, 2), np.array([[0, 0, 0], [0, 2, 0], [0, 1, 0], [0, 0, 0]]))
+    rest = np.array([[0, 0, 0], [0, 2, 0], [0, 3, 0], [0, 3, 0.0]])
+    longer = rest + [[0, 0, 0], [0, 0.2, 0], [0, 0.2, 0], [0, 0.2, 0]]  # first bone 10 % longer
+    shorter = rest - [[0, 0, 0], [0, 0, 0], [0, 0.5, 0], [0, 0.5, 0]]  # second bone half
+    for p in both(np.stack([np.stack([rest, longer, shorter])] * 2)):
+        close(metrics.bone_lengths(p, skeleton)[0], [[2, 1, 0], [2.2, 1, 0], [2, 0.5, 0]])
+        drift = metrics.bone_length_drift(p, skeleton)
+        assert type(drift) is type(p)
+        close(drift, [[0, 0.05, 0.25]] * 2)
+        close(metrics.bone_length_drift(p[0], skeleton, reduce="max"), [0, 0.1, 0.5])
+        from_second = metrics.bone_length_drift(p[:, 1:], skeleton, reference="first", reduce="max")
+        close(from_second, [[0, 0.5]] * 2)
+    with pytest.raises(TutorialError, match="'median'"):
+        metrics.bone_length_drift(rest[None], skeleton, reduce="median")
+
+
+# -- the whole ---------------------------------------------------------------------------------------------
+
+
+def test_on_a_rigid_figure(small_motion):
+    """Forward kinematics keeps bones; a representation by positions gives them back."""
+    r = make_representation("positions", small_motion.skeleton, 30)
+    features = r.encode(small_motion)
+    positions = r.decode_positions(features)
+    assert metrics.bone_length_drift(positions, small_motion.skeleton, reduce="max").max() < 1e-5
+    # the root's step and the others' relative steps, summed here joint by joint
+    joints = small_motion.positions - small_motion.positions[:, :1]
+    steps = np.diff(small_motion.positions[:, 0], axis=0)
+    squares = (np.diff(joints, axis=0) ** 2).sum((1, 2))
+    squares[1:] += (np.diff(steps, axis=0) ** 2).sum(1)
+    close(metrics.motion_change(features), np.sqrt(squares), rtol=1e-4)
+
+
+def test_gradients_pass():
+    x = torch.randn(2, 25, 6, requires_grad=True)
+    metrics.prediction_error(x, torch.zeros(2, 25, 6), 30.0).sum().backward()
+    assert torch.isfinite(x.grad).all() and (x.grad[:, 1] != 0).all()
+
+
+def test_real_walking_stands_still_nowhere_and_hardly_slides(real_data):
+    path = real_data / "cmu/walking/01.bvh"
+    if not path.exists():
+        pytest.skip("no cmu/walking/01.bvh in TUTORIAL_DATA")
+    motion = read_motion(path).resample(30)
+    r = make_representation("positions", motion.skeleton, 30)
+    change = metrics.frame_change(r.encode(motion))
+    assert metrics.freezing_time(change, change.mean(), 30.0) == np.inf
+    reach = metrics.reach(motion.positions)
+    assert 0.7 < reach < 1.5 and not metrics.diverged(motion.positions, reach)
+    skate = metrics.foot_skate(motion.positions, metrics.foot_joints(motion.skeleton), 30.0)
+    assert 0 < skate < 40  # ankles roll over standing toes

@@ -1,0 +1,306 @@
+"""How far a generated motion is from the truth, whether it still moves, and what is wrong with it.
+
+Every function takes numpy arrays or torch tensors and returns the same kind, on the same device. Features are
+those of a representation, in its own units (normalised features first through ``Normalizer.invert``): an
+error in metres and one in radians cannot be compared. Long batches such as (20, 18000, 171) are taken one
+sequence at a time, so that little memory is needed beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from .errors import TutorialError
+from .motion.rotations import Array, numpy_or_torch
+from .motion.skeleton import Skeleton
+from .motion.skeletons import common_indices
+
+PAPER_TIMES_MS = (80, 160, 240, 320, 400, 480, 560, 640)  # acRNN, tables 1 and 2
+
+
+def _each_sequence(function, values: torch.Tensor, inner: int) -> torch.Tensor:
+    """``function`` of ``(..., *inner axes)``, one sequence at a time."""
+    outer = values.shape[: values.ndim - inner]
+    if not outer:
+        return function(values)
+    parts = [function(v) for v in values.reshape(-1, *values.shape[values.ndim - inner :])]
+    if not parts:
+        raise TutorialError(f"no sequences in an array of shape {tuple(values.shape)}")
+    return torch.stack(parts).unflatten(0, outer)
+
+
+# -- distance to the truth ---------------------------------------------------------------------------------
+
+
+@numpy_or_torch
+def frame_distance(a: Array, b: Array) -> Array:
+    """Euclidean distance between frames ``(..., D)``: ``|a - b|_2`` over the channels, shape ``(...)``."""
+    if a.shape[-1] != b.shape[-1]:
+        raise TutorialError(f"frames of {a.shape[-1]} and of {b.shape[-1]} channels have no distance")
+    return (a - b).norm(dim=-1)
+
+
+def frames_at(times_ms: Sequence[float], fps: float) -> list[int]:
+    """How many frames after the seed each time is: the nearest whole number, at least 1.
+
+    At 30 fps, 80 ms are 2.4 frames: frame 2, at 67 ms. The frame right after the seed is number 1.
+    """
+    return [max(1, int(t * fps / 1000.0 + 0.5)) for t in times_ms]
+
+
+@numpy_or_torch
+def prediction_error(pred: Array, truth: Array, fps: float, times_ms: Sequence[float] = PAPER_TIMES_MS) -> Array:
+    """acRNN, tables 1 and 2: the Euclidean distance to the ground truth at some times, averaged over seeds.
+
+    ``error(t) = mean over seeds of |pred_t - truth_t|_2``
+
+    pred, truth: ``(N, T, D)`` features, their first frame the one right after the seed. times_ms: after the
+    seed's last frame; the nearest frame is taken (``frames_at``).
+    Returns ``(len(times_ms),)`` in the features' units.
+    Raises ``TutorialError`` where the shapes differ or there are too few frames.
+    """
+    times = [float(t) for t in times_ms]
+    if pred.ndim != 3 or truth.ndim != 3 or pred.shape[::2] != truth.shape[::2]:
+        raise TutorialError(
+            f"prediction of shape {tuple(pred.shape)} and truth of shape {tuple(truth.shape)}: expected (N, T, D) both"
+        )
+    frames = frames_at(times, fps)
+    have = min(pred.shape[1], truth.shape[1])
+    if max(frames) > have:
+        raise TutorialError(
+            f"{max(times):g} ms at {fps:g} frames per second are {max(frames)} frames, prediction and truth have {have}"
+        )
+    index = [f - 1 for f in frames]
+    return frame_distance(pred[:, index], truth[:, index]).mean(0)
+
+
+# -- does it still move ------------------------------------------------------------------------------------
+
+
+@numpy_or_torch
+def frame_change(features: Array) -> Array:
+    """``c_t = |x_(t+1) - x_t|_2``: features ``(..., T, D)`` to ``(..., T - 1)``, each sequence for itself."""
+    if features.ndim < 2 or features.shape[-2] < 2:
+        raise TutorialError(f"features of shape {tuple(features.shape)}: expected (..., T, D) with T of at least 2")
+    return _each_sequence(lambda x: (x[1:] - x[:-1]).norm(dim=-1), features, 2)
+
+
+@numpy_or_torch
+def motion_change(features: Array) -> Array:
+    """acRNN, figures 2 and 9: the distance between successive frames, averaged over the sequences.
+
+    features: ``(N, T, D)`` or ``(T, D)``. Returns ``(T - 1,)``, number t for the step from frame t to t + 1.
+    """
+    change = frame_change(features)
+    return change.reshape(-1, change.shape[-1]).mean(0)
+
+
+@numpy_or_torch
+def moving_mean(curve: Array, window: int) -> Array:
+    """The mean of each ``window`` successive values: ``(..., T)`` to ``(..., T - window + 1)``.
+
+    Number t is the mean of values t to t + window - 1; draw it at ``t + (window - 1) / 2``.
+    Raises ``TutorialError`` where the curve is shorter than the window.
+    """
+    if window < 1 or curve.shape[-1] < window:
+        raise TutorialError(f"a mean over {window} values of a curve of {curve.shape[-1]}")
+    # each window is summed by itself, so that a NaN stays in the windows that have it
+    return curve.double().unfold(-1, window, 1).mean(-1).to(curve.dtype)
+
+
+def _frozen(change: torch.Tensor, true_change: float, fps: float, fraction: float, seconds: float) -> torch.Tensor:
+    frames, true_change = max(1, round(seconds * fps)), float(true_change)
+    if true_change <= 0 or not np.isfinite(true_change):
+        raise TutorialError(f"true motion change {true_change}: expected a number above zero")
+    if change.shape[-1] < frames:
+        raise TutorialError(
+            f"{change.shape[-1]} motion changes at {fps:g} frames per second, "
+            f"expected at least {frames} for a window of {seconds:g} s"
+        )
+    return _each_sequence(lambda c: moving_mean(c, frames) < fraction * true_change, change, 1)
+
+
+@numpy_or_torch
+def freezing_time(change: Array, true_change: float, fps: float, fraction: float = 0.1, seconds: float = 1.0) -> Array:
+    """Seconds until a motion first stands still; infinity if it never does.
+
+    Rule: it stands still from t on where the mean of its motion change over the ``seconds`` that follow is
+    below ``fraction`` of the true motion change (the mean of ``frame_change`` of real clips at the same frame rate).
+
+    change: ``(..., T)`` from ``frame_change``. Returns ``(...)``. Values that are not finite are no
+    standstill; ``divergence_time`` finds them.
+    Raises ``TutorialError`` where the motion is shorter than the window.
+    """
+    frozen = _frozen(change, true_change, fps, fraction, seconds)
+    first = frozen.to(torch.uint8).argmax(-1).to(change.dtype) / fps
+    return torch.where(frozen.any(-1), first, torch.full_like(first, float("inf")))
+
+
+def stagnations(
+    change: Array, true_change: float, fps: float, fraction: float = 0.1, seconds: float = 1.0
+) -> list[tuple[float, float]]:
+    """Each stretch of one motion that stands still: ``(start, duration)`` in seconds (acRNN, figure 6).
+
+    change: ``(T,)``; the rule is ``freezing_time``'s, and windows that overlap or touch are one stretch,
+    which lasts from the first one's start to the last one's end.
+    """
+    change = torch.as_tensor(change)
+    if change.ndim != 1:
+        raise TutorialError(f"motion changes of shape {tuple(change.shape)}: expected one motion, (T,)")
+    starts = torch.nonzero(_frozen(change, true_change, fps, fraction, seconds)).flatten().tolist()
+    length, stretches = max(1, round(seconds * fps)), []
+    for start in starts:
+        if stretches and start <= stretches[-1][1]:
+            stretches[-1][1] = start + length
+        else:
+            stretches.append([start, start + length])
+    return [(a / fps, (b - a) / fps) for a, b in stretches]
+
+
+# -- is it still a person ----------------------------------------------------------------------------------
+
+
+@numpy_or_torch
+def reach(positions: Array) -> Array:
+    """The largest distance of any node from the root in ``(..., T, J, 3)`` positions: metres, shape ``()``.
+
+    Taken over the training clips it is the range of human poses for ``divergence_time``.
+    """
+    return _each_sequence(_reach, positions, 3).amax()
+
+
+def _reach(positions: torch.Tensor) -> torch.Tensor:
+    return (positions - positions[..., :1, :]).square().sum(-1).amax(-1).sqrt()
+
+
+@numpy_or_torch
+def divergence_time(positions: Array, data_reach: float, fps: float, factor: float = 1.5) -> Array:
+    """Seconds until a motion first leaves the range of human poses; infinity if it never does.
+
+    Rule: a frame is outside where any node is farther from the root than ``factor`` times ``data_reach``
+    (``reach`` of the training clips), or any coordinate is not finite.
+
+    positions: ``(..., T, J, 3)`` metres, from ``Representation.decode_positions``. Returns ``(...)``.
+    """
+
+    def first(x: torch.Tensor) -> torch.Tensor:
+        outside = ~(_reach(x) <= factor * float(data_reach)) | ~torch.isfinite(x).flatten(-2).all(-1)
+        time = outside.to(torch.uint8).argmax().to(x.dtype) / fps
+        return torch.where(outside.any(), time, torch.full_like(time, float("inf")))
+
+    return _each_sequence(first, positions, 3)
+
+
+def diverged(positions: Array, data_reach: float, factor: float = 1.5) -> Array:
+    """Whether a motion leaves the range of human poses at all (``divergence_time``'s rule): booleans ``(...)``."""
+    return divergence_time(positions, data_reach, 1.0, factor) < float("inf")
+
+
+# -- feet and bones ----------------------------------------------------------------------------------------
+
+
+def foot_joints(skeleton: Skeleton) -> list[int]:
+    """Left and right foot (the ankle) and toe, by the known skeletons' names; ``MotionError`` where unknown."""
+    at = common_indices(skeleton)
+    return [at[name] for name in ("LeftFoot", "LeftToe", "RightFoot", "RightToe")]
+
+
+@numpy_or_torch
+def standing_heights(positions: Array, feet: Sequence[int]) -> Array:
+    """How high each foot node is when its foot stands: the 5 % quantile of its height over time.
+
+    positions: ``(..., T, J, 3)``; returns ``(..., F)`` metres. An ankle stands some 8 cm above the ground and
+    a toe's tip 1 cm, so each node has its own.
+    """
+    feet = [int(f) for f in feet]
+    return _each_sequence(lambda x: x[:, feet, 1].quantile(0.05, dim=0), positions, 3)
+
+
+@numpy_or_torch
+def foot_contacts(
+    positions: Array,
+    feet: Sequence[int],
+    fps: float,
+    standing: Array | None = None,
+    height: float = 0.025,
+    speed: float = 1.0,
+) -> Array:
+    """Which foot node is on the ground in which step: booleans ``(..., T - 1, F)``.
+
+    Rule: during the step from frame t to t + 1 a node is in contact where in both frames it is less than
+    ``height`` metres above its standing height, and it moves along the ground by less than ``speed`` m/s. The
+    height, 2.5 cm, is that of Zhang et al. 2018 (mode-adaptive networks, section on foot skating); the speed
+    is ours: a swinging foot passes the ground this closely too, but at 2 to 5 m/s.
+
+    positions: ``(..., T, J, 3)`` metres, T >= 2. feet: F nodes (``foot_joints``). standing: ``(..., F)``
+    metres, by default ``standing_heights`` of the same positions; give those of real clips where a motion may hover.
+    """
+    return _feet(positions, feet, fps, standing, height, speed)[0]
+
+
+def _feet(positions, feet, fps, standing, height, speed) -> tuple[torch.Tensor, torch.Tensor]:
+    """Contacts ``(..., T - 1, F)`` and the ground speed ``(..., T - 1, F)`` in m/s."""
+    if positions.ndim < 3 or positions.shape[-3] < 2:
+        raise TutorialError(f"positions of shape {tuple(positions.shape)}: expected (..., T, J, 3) with T >= 2")
+    feet = [int(f) for f in feet]
+    if standing is None:
+        standing = standing_heights(positions, feet)
+    foot = positions[..., feet, :]
+    above = foot[..., 1] - torch.as_tensor(standing, dtype=foot.dtype, device=foot.device)[..., None, :]
+    low = (above[..., 1:, :] < height) & (above[..., :-1, :] < height)
+    ground_speed = (foot[..., 1:, :, ::2] - foot[..., :-1, :, ::2]).norm(dim=-1) * fps
+    return low & (ground_speed < speed), ground_speed
+
+
+@numpy_or_torch
+def foot_skate(
+    positions: Array,
+    feet: Sequence[int],
+    fps: float,
+    standing: Array | None = None,
+    height: float = 0.025,
+    speed: float = 1.0,
+) -> Array:
+    """How fast feet that stand slide: centimetres per second, averaged over all contacts; shape ``(...)``.
+
+    ``mean of |horizontal velocity| over the foot nodes and steps in contact`` (``foot_contacts`` has the rule
+    and the arguments). Zero where nothing touches the ground. Real clips do not give zero, feet roll and markers
+    tremble: compare with the real clips' own.
+    """
+    contact, ground_speed = _feet(positions, feet, fps, standing, height, speed)
+    total = torch.where(contact, ground_speed, torch.zeros_like(ground_speed)).sum((-2, -1))
+    return 100.0 * total / contact.sum((-2, -1)).clamp(min=1)
+
+
+@numpy_or_torch
+def bone_lengths(positions: Array, skeleton: Skeleton) -> Array:
+    """``(..., T, J, 3)`` positions to the length of each bone, ``(..., T, J - 1)`` metres, as
+    ``skeleton.bones``."""
+    parents, children = skeleton.bones[:, 0].tolist(), skeleton.bones[:, 1].tolist()
+    return _each_sequence(lambda x: (x[:, children] - x[:, parents]).norm(dim=-1), positions, 3)
+
+
+@numpy_or_torch
+def bone_length_drift(positions: Array, skeleton: Skeleton, reference: str = "skeleton", reduce: str = "mean") -> Array:
+    """How much bones have changed their length, frame by frame: ``(..., T)``, relative (0.1 is a tenth).
+
+    ``drift_t = mean (or max) over bones of | |bone|_t - l | / l``, where l is the bone's length in the
+    skeleton (``reference="skeleton"``) or in the motion's first frame (``"first"``). Bones of no length are left out.
+
+    positions: ``(..., T, J, 3)`` metres.
+    Raises ``TutorialError`` for another reference or reduction.
+    """
+    if reference not in ("skeleton", "first") or reduce not in ("mean", "max"):
+        raise TutorialError(f"bone drift by {reduce!r} against {reference!r}: expected mean or max, skeleton or first")
+
+    def drift(x: torch.Tensor) -> torch.Tensor:
+        lengths = bone_lengths(x, skeleton)
+        wanted = lengths.new_tensor(skeleton.bone_lengths) if reference == "skeleton" else lengths[0]
+        real = wanted > 1e-6
+        relative = (lengths[:, real] - wanted[real]).abs() / wanted[real]
+        return relative.mean(-1) if reduce == "mean" else relative.amax(-1)
+
+    return _each_sequence(drift, positions, 3)
