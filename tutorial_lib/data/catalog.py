@@ -17,7 +17,7 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from ..errors import DataError
 from ..motion import Motion, Skeleton
@@ -298,7 +298,7 @@ def _load(name, limit, fps, cache) -> tuple[list[Motion], str]:
     motions = []
     for path in tqdm(paths[:limit], desc=f"reading {data_set.name}", unit="clip", delay=2, leave=False):
         clip = path.relative_to(folder).with_suffix("").as_posix()
-        motion = drop_static_root(read_motion(path)).with_name(f"{data_set.folder}/{clip}")
+        motion = drop_empty_end_sites(drop_static_root(read_motion(path))).with_name(f"{data_set.folder}/{clip}")
         motions.append(motion if fps is None else motion.resample(fps))
     return motions, place
 
@@ -360,6 +360,15 @@ def drop_static_root(motion: Motion) -> Motion:
     local = rotations[:, 1:].copy()
     local[:, 0] = quat_mul(rotations[:, 0], rotations[:, 1])
     return dataclasses.replace(motion, skeleton=skeleton, positions=motion.positions[:, 1:], rotations=local)
+
+
+def drop_empty_end_sites(motion: Motion) -> Motion:
+    """Without end sites if all of them lie in their joints, as in files that have them only for the format.
+
+    The acRNN's mark the tips of the fingers and the toes; those stay (57 nodes).
+    """
+    ends = sorted(motion.skeleton.end_sites)
+    return motion if np.abs(motion.skeleton.offsets[ends]).max(initial=0.0) > 1e-6 else motion.without_end_sites()
 
 
 def listing(*, cache: str | os.PathLike | None = None) -> list[Listed]:

@@ -1,0 +1,1 @@
+"""The networks, each readable in one sitting: a frozen configuration and an ``nn.Module`` beside it."""
