@@ -20,7 +20,7 @@ from .bvh import END_SUFFIX
 from .clip import Motion
 from .rotations import euler_to_quat, quat_inv, quat_mul
 from .skeleton import Skeleton
-from .textfile import number, numbers, read_text, shown
+from .textfile import number, numbers, read_text, shown, whole
 
 INCH = 0.0254
 _DOFS = {"rx": "X", "ry": "Y", "rz": "Z"}
@@ -68,7 +68,10 @@ class Asf:
             if end_sites and bone.name not in followed:
                 ends.add(len(names))
                 parents.append(names.index(bone.name))
-                names.append(bone.name + END_SUFFIX)
+                name = bone.name + END_SUFFIX
+                while name in self.bones:
+                    name += "_"
+                names.append(name)
                 offsets.append(bone.direction * bone.length)
         return Skeleton(tuple(names), tuple(parents), np.array(offsets), end_sites=frozenset(ends))
 
@@ -76,6 +79,8 @@ class Asf:
 def asf_beside(path: str | os.PathLike) -> pathlib.Path:
     """The ASF file that belongs to an AMC file: ``02.asf`` for ``02_01.amc``, or the only one in the folder."""
     path = pathlib.Path(path)
+    if not path.exists():
+        raise MotionFileError(path, "no such file, expected a motion file there")
     skeletons = sorted(p for p in path.parent.glob("*") if p.suffix.lower() == ".asf")
     for candidate in skeletons:
         if candidate.stem in (path.stem, path.stem.rpartition("_")[0]):
@@ -144,7 +149,7 @@ def _sections(path, lines: list[str]) -> dict[str, list[tuple[int, list[str]]]]:
         if words[0].startswith(":"):
             current = words[0][1:].lower()
             if current in sections:
-                raise MotionFileError(path, f"section :{current} stands twice", n)
+                raise MotionFileError(path, f"section {shown(':' + current)} stands twice, expected once", n)
             sections[current] = [(n, words[1:])] if len(words) > 1 else []
         elif current is None:
             raise MotionFileError(path, f"{shown(raw)}, expected a keyword like :version, as an ASF file begins", n)
@@ -161,15 +166,15 @@ def _unit_value(path, units, key: str) -> float:
         return 1.0
     n, words = units[key]
     value = numbers(path, n, words[1:], 1, f"unit of {key}")[0]
-    if value <= 0:
-        raise MotionFileError(path, f"unit of {key} {value}, expected a number above zero", n)
+    if not 1e-6 <= value <= 1e6:
+        raise MotionFileError(path, f"unit of {key} {value:g}, expected a number above zero (1e-6 to 1e6)", n)
     return value
 
 
 def _angle(path, n, words) -> float:
     kind = words[1].lower() if len(words) > 1 else ""
     if kind not in ("deg", "rad"):
-        raise MotionFileError(path, f"angle unit {kind!r}, expected deg or rad", n)
+        raise MotionFileError(path, f"angle unit {shown(kind)}, expected deg or rad", n)
     return np.pi / 180 if kind == "deg" else 1.0
 
 
@@ -180,7 +185,7 @@ def _axis(path, n, words: list[str], angle: float, order: str) -> np.ndarray:
 
 def _check_axis_order(path, n, order: str) -> str:
     if sorted(order.upper()) != ["X", "Y", "Z"]:
-        raise MotionFileError(path, f"axis order {order!r}, expected one like XYZ", n)
+        raise MotionFileError(path, f"axis order {shown(order)}, expected one like XYZ", n)
     return order.upper()
 
 
@@ -198,10 +203,13 @@ def _read_root(path, sections, unit, angle):
     found = {words[0].lower(): (n, words[1:]) for n, words in sections["root"]}
     n, words = found.get("order", (None, None))
     if words is None:
-        raise MotionFileError(path, "the :root section has no order, expected one like TX TY TZ RX RY RZ")
+        last = sections["root"][-1][0] if sections["root"] else 1
+        raise MotionFileError(path, "the :root section has no order, expected one like TX TY TZ RX RY RZ", last)
     order = tuple(w.lower() for w in words)
     if len(set(order)) != len(order) or not set(order) <= _ROOT_DOFS:
-        raise MotionFileError(path, f"root order {' '.join(words)}, expected each of TX TY TZ RX RY RZ at most once", n)
+        raise MotionFileError(
+            path, f"root order {shown(' '.join(words))}, expected each of TX TY TZ RX RY RZ at most once", n
+        )
     axis_line, axis_words = found.get("axis", (n, ["XYZ"]))
     axis_order = _check_axis_order(path, axis_line, axis_words[0] if axis_words else "")
     vectors = {}
@@ -222,7 +230,7 @@ def _read_bones(path, sections, unit, angle) -> dict[str, Bone]:
                 raise MotionFileError(path, "begin inside a bone, expected end first", n)
             bone, inside, limits_open = Bone("", n), True, False
         elif not inside:
-            raise MotionFileError(path, f"{shown(' '.join(words))} outside of begin and end", n)
+            raise MotionFileError(path, f"{shown(' '.join(words))} outside of a bone, expected begin before it", n)
         elif key == "end":
             _finish_bone(path, n, bone, bones)
             inside = False
@@ -234,24 +242,30 @@ def _read_bones(path, sections, unit, angle) -> dict[str, Bone]:
         elif key == "direction":
             vector = np.array(numbers(path, n, words[1:], 3, "direction"))
             norm = np.linalg.norm(vector)
-            if norm == 0:
-                raise MotionFileError(path, "direction 0 0 0, expected a vector of some length", n)
+            if norm < 1e-6:
+                raise MotionFileError(
+                    path, f"direction {shown(' '.join(words[1:]))}, expected a vector of some length", n
+                )
             bone.direction = vector / norm
         elif key == "length":
             bone.length = numbers(path, n, words[1:], 1, "length")[0] * unit
+            if bone.length < 0:
+                raise MotionFileError(path, f"length {shown(words[1])}, expected a number of at least zero", n)
         elif key == "axis":
             bone.axis = _axis(path, n, words[1:4], angle, words[4] if len(words) > 4 else "XYZ")
         elif key == "dof":
             bone.dof = tuple(w.lower() for w in words[1:])
             if not set(bone.dof) <= set(_DOFS) or len(set(bone.dof)) != len(bone.dof):
-                raise MotionFileError(path, f"dof {' '.join(words[1:])}, expected some of rx ry rz, each once", n)
+                raise MotionFileError(
+                    path, f"dof {shown(' '.join(words[1:]))}, expected some of rx ry rz, each once", n
+                )
     if inside:
-        raise MotionFileError(path, f"bone {bone.name!r} has no end", bone.line)
+        raise MotionFileError(path, f"bone {shown(bone.name)} has no end, expected one", bone.line)
     return bones
 
 
 def _limits(path, n, words, angle) -> tuple[tuple[float, float], ...]:
-    pairs = re.findall(r"\(\s*(\S+)\s+(\S+?)\s*\)", " ".join(words))
+    pairs = re.findall(r"\(\s*([^\s()]+)\s+([^\s()]+)\s*\)", " ".join(words))
     if not pairs:
         raise MotionFileError(path, f"limits {shown(' '.join(words))}, expected pairs like (-20.0 45.0)", n)
     limits = []
@@ -265,11 +279,11 @@ def _limits(path, n, words, angle) -> tuple[tuple[float, float], ...]:
 
 def _finish_bone(path, n, bone: Bone, bones: dict[str, Bone]):
     if not bone.name or bone.direction is None or bone.length is None:
-        raise MotionFileError(path, f"bone {bone.name!r} lacks name, direction or length", n)
+        raise MotionFileError(path, f"bone {shown(bone.name)} ends here, expected name, direction and length in it", n)
     if bone.name in bones or bone.name == "root":
-        raise MotionFileError(path, f"bone name {bone.name!r} stands twice, expected unique names", n)
+        raise MotionFileError(path, f"bone name {shown(bone.name)} stands twice, expected unique names", n)
     if bone.limits and len(bone.limits) != len(bone.dof):
-        raise MotionFileError(path, f"bone {bone.name!r}: {len(bone.limits)} limits for {len(bone.dof)} dof", n)
+        raise MotionFileError(path, f"bone {shown(bone.name)}: {len(bone.limits)} limits, expected {len(bone.dof)}", n)
     bones[bone.name] = bone
 
 
@@ -280,17 +294,20 @@ def _read_hierarchy(path, sections, bones: dict[str, Bone]) -> dict[str, Bone]:
             continue
         parent = words[0]
         if parent != "root" and parent not in ordered:
-            raise MotionFileError(path, f"{parent!r} has children before it has a parent, or is no bone", n)
+            raise MotionFileError(path, f"{shown(parent)} has children here, expected a bone with a parent", n)
         for child in words[1:]:
             if child not in bones:
-                raise MotionFileError(path, f"{child!r} in the hierarchy is not among the bones", n)
+                raise MotionFileError(path, f"{shown(child)} in the hierarchy, expected one of the bones", n)
             if child in ordered:
-                raise MotionFileError(path, f"{child!r} has two parents, expected one", n)
+                raise MotionFileError(path, f"{shown(child)} has two parents, expected one", n)
             bones[child].parent = parent
             ordered[child] = bones[child]
     missing = [name for name in bones if name not in ordered]
     if missing:
-        raise MotionFileError(path, f"bone {missing[0]!r} is not in the hierarchy")
+        line = bones[missing[0]].line
+        raise MotionFileError(
+            path, f"bone {shown(missing[0])} is not in the hierarchy, expected a parent for it there", line
+        )
     return ordered
 
 
@@ -310,10 +327,10 @@ def _read_frames(path, asf: Asf) -> dict[str, np.ndarray]:
         if words[0].startswith(":"):
             kind = words[0][1:].upper()
             angle = {"DEGREES": np.pi / 180, "RADIANS": 1.0}.get(kind, angle)
-        elif len(words) == 1 and words[0].isdigit():
+        elif len(words) == 1 and whole(words[0]) is not None:
             _check_whole(path, started, frames, widths)
-            if int(words[0]) != len(frames) + 1:
-                raise MotionFileError(path, f"frame {words[0]}, expected frame {len(frames) + 1}", n)
+            if whole(words[0]) != len(frames) + 1:
+                raise MotionFileError(path, f"frame {shown(words[0])}, expected frame {len(frames) + 1}", n)
             frames.append({})
             started = n
         elif not frames:
@@ -321,12 +338,12 @@ def _read_frames(path, asf: Asf) -> dict[str, np.ndarray]:
         else:
             name = words[0]
             if name not in widths:
-                raise MotionFileError(path, f"{shown(name)} is no bone of the skeleton with degrees of freedom", n)
+                raise MotionFileError(path, f"{shown(name)} in the frame, expected a bone with degrees of freedom", n)
             if name in frames[-1]:
-                raise MotionFileError(path, f"bone {name!r} stands twice in frame {len(frames)}", n)
-            frames[-1][name] = numbers(path, n, words[1:], widths[name], f"bone {name!r}")
+                raise MotionFileError(path, f"bone {shown(name)} stands twice in frame {len(frames)}, expected once", n)
+            frames[-1][name] = numbers(path, n, words[1:], widths[name], f"bone {shown(name)}")
     if not frames:
-        raise MotionFileError(path, "no frames, expected at least one")
+        raise MotionFileError(path, "no frames, expected at least one", len(text.lines))
     _check_whole(path, started, frames, widths)
     values = {name: np.array([frame[name] for frame in frames]) for name in widths}
     for name, array in values.items():
@@ -338,7 +355,9 @@ def _read_frames(path, asf: Asf) -> dict[str, np.ndarray]:
 def _check_whole(path, line, frames, widths):
     if frames and len(frames[-1]) != len(widths):
         missing = next(name for name in widths if name not in frames[-1])
-        raise MotionFileError(path, f"frame {len(frames)} has no values for {missing!r}", line)
+        raise MotionFileError(
+            path, f"frame {len(frames)} has no values for {shown(missing)}, expected {widths[missing]}", line
+        )
 
 
 def _root_motion(asf: Asf, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -20,12 +20,13 @@ from .ik import with_rotations
 from .rotations import euler_to_quat, quat_inv, quat_mul, quat_rotate, quat_to_euler
 from .skeleton import Skeleton
 from .skeletons import common_indices, recognise, standing_height
-from .textfile import numbers, numbers_table, read_text, shown
+from .textfile import numbers, numbers_table, read_text, shown, whole
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 _CHANNELS = {f"{axis}{kind}": (axis, kind) for axis in "XYZ" for kind in ("position", "rotation")}
 _AXIS = {"X": 0, "Y": 1, "Z": 2}
 END_SUFFIX = "_end"
+_SMALLEST = 1e-9  # a body below this size, in any unit, has none
 
 
 @dataclass
@@ -120,11 +121,12 @@ def read_bvh_with_guess(
 def _parse_hierarchy(path, text) -> tuple[list[_Joint], int]:
     """The joints, in the file's order, and the number of the line that says MOTION."""
     joints: list[_Joint] = []
+    lines_of: dict[str, int] = {}  # where each joint's name stands
     open_joints: list[int] = []
     pending: int | None = None  # a joint whose opening brace has not come yet
     started, n = False, 0
     for n, raw in enumerate(text.lines, 1):
-        words = raw.split()
+        words = raw.replace("{", " { ").replace("}", " } ").split()
         if not words:
             continue
         key = words[0].upper()
@@ -138,26 +140,30 @@ def _parse_hierarchy(path, text) -> tuple[list[_Joint], int]:
         if key == "MOTION":
             if open_joints or pending is not None:
                 name = joints[open_joints[-1] if pending is None else pending].name
-                raise MotionFileError(path, f"MOTION while joint {name!r} is still open, expected '}}' before it", n)
+                raise MotionFileError(
+                    path, f"MOTION while joint {shown(name)} is still open, expected '}}' before it", n
+                )
             if not joints:
                 raise MotionFileError(path, "MOTION before any joint, expected ROOT", n)
+            if len(words) > 1:
+                raise MotionFileError(path, f"{shown(raw)}, expected MOTION alone on its line", n)
             _finish(path, joints)
             return joints, n
         while words:
-            words, pending = _take(path, n, words, raw, joints, open_joints, pending)
+            words, pending = _take(path, n, words, raw, joints, lines_of, open_joints, pending)
     if not started:
         raise MotionFileError(path, "no text in it, expected HIERARCHY")
     raise MotionFileError(path, "the file ends inside the hierarchy, expected a MOTION section", max(n, 1))
 
 
-def _take(path, n, words, raw, joints, open_joints, pending):
+def _take(path, n, words, raw, joints, lines_of, open_joints, pending):
     """Consume one statement from ``words``; the rest of the line and the pending joint come back."""
     key = words[0].upper()
     if pending is not None and key != "{":
-        raise MotionFileError(path, f"{shown(raw)}, expected '{{' after joint {joints[pending].name!r}", n)
+        raise MotionFileError(path, f"{shown(raw)}, expected '{{' after joint {shown(joints[pending].name)}", n)
     if key == "{":
         if pending is None:
-            raise MotionFileError(path, "'{' without a joint before it", n)
+            raise MotionFileError(path, "'{' without a joint before it, expected ROOT, JOINT or End Site", n)
         open_joints.append(pending)
         return words[1:], None
     if key == "}":
@@ -166,21 +172,22 @@ def _take(path, n, words, raw, joints, open_joints, pending):
         open_joints.pop()
         return words[1:], None
     if key in ("ROOT", "JOINT", "END"):
-        return _take_joint(path, n, key, words, raw, joints, open_joints)
+        return _take_joint(path, n, key, words, raw, joints, lines_of, open_joints)
     if not open_joints:
         raise MotionFileError(path, f"{shown(raw)}, expected ROOT, JOINT or MOTION", n)
     joint = joints[open_joints[-1]]
     if key == "OFFSET":
         if joint.offset is not None:
-            raise MotionFileError(path, f"joint {joint.name!r} has a second OFFSET, expected one", n)
-        joint.offset = np.array(numbers(path, n, words[1:4], 3, f"OFFSET of {joint.name!r}"))
-        return words[4:], None
+            raise MotionFileError(path, f"joint {shown(joint.name)} has a second OFFSET, expected one", n)
+        stop = next((k for k, word in enumerate(words) if word in "{}"), len(words))
+        joint.offset = np.array(numbers(path, n, words[1:stop], 3, f"OFFSET of {shown(joint.name)}"))
+        return words[stop:], None
     if key == "CHANNELS":
         return _take_channels(path, n, words, raw, joint), None
     raise MotionFileError(path, f"{shown(raw)}, expected OFFSET, CHANNELS, JOINT, End Site or '}}'", n)
 
 
-def _take_joint(path, n, key, words, raw, joints, open_joints):
+def _take_joint(path, n, key, words, raw, joints, lines_of, open_joints):
     if key == "ROOT":
         if joints:
             raise MotionFileError(path, f"{shown(raw)}: a second root, expected one figure in a file", n)
@@ -196,18 +203,16 @@ def _take_joint(path, n, key, words, raw, joints, open_joints):
         if len(words) < 2 or words[1].upper() != "SITE":
             raise MotionFileError(path, f"{shown(raw)}, expected End Site", n)
         name, rest = joints[parent].name + END_SUFFIX, words[2:]
-        taken = {joint.name for joint in joints}
-        while name in taken:
-            name += "_"
     else:
         # names may hold spaces; a brace on the same line ends them
         stop = words.index("{") if "{" in words else len(words)
         name, rest = " ".join(words[1:stop]), words[stop:]
         if not name:
-            raise MotionFileError(path, f"{key} without a name", n)
-        first = next((joint.line for joint in joints if joint.name == name), None)
-        if first is not None:
-            raise MotionFileError(path, f"joint name {name!r} stands already in line {first}, expected unique names", n)
+            raise MotionFileError(path, f"{key} without a name, expected one", n)
+        if name in lines_of:
+            what = f"joint name {shown(name)} stands already in line {lines_of[name]}, expected unique names"
+            raise MotionFileError(path, what, n)
+        lines_of[name] = n
     joints.append(_Joint(name, parent, n, is_end=key == "END"))
     return rest, len(joints) - 1
 
@@ -216,23 +221,23 @@ def _take_channels(path, n, words, raw, joint) -> list[str]:
     if joint.is_end:
         raise MotionFileError(path, "CHANNELS in an End Site, expected OFFSET alone", n)
     if joint.channels is not None:
-        raise MotionFileError(path, f"joint {joint.name!r} has CHANNELS twice, expected once", n)
-    if len(words) < 2 or not words[1].isdigit():
+        raise MotionFileError(path, f"joint {shown(joint.name)} has CHANNELS twice, expected once", n)
+    count = whole(words[1]) if len(words) > 1 else None
+    if count is None:
         raise MotionFileError(path, f"{shown(raw)}, expected CHANNELS and their number", n)
-    count = int(words[1])
     names = words[2 : 2 + count]
     joint.channels = []
     for word in names:
         channel = _CHANNELS.get(word[:1].upper() + word[1:].lower())
         if channel is None:
-            raise MotionFileError(path, f"channel {shown(word)} of {joint.name!r}, expected one like Zrotation", n)
+            raise MotionFileError(path, f"channel {shown(word)} of {shown(joint.name)}, expected one like Zrotation", n)
         if channel in joint.channels:
-            raise MotionFileError(path, f"channel {word} of {joint.name!r} stands twice", n)
+            raise MotionFileError(path, f"channel {word} of {shown(joint.name)} stands twice, expected once", n)
         joint.channels.append(channel)
     rest = words[2 + count :]
     if len(names) != count or (rest and rest[0] not in "{}"):
         raise MotionFileError(
-            path, f"joint {joint.name!r} announces {count} channels and lists {len(names) + len(rest)}", n
+            path, f"joint {shown(joint.name)} lists {len(names) + len(rest)} channels, expected {count} as announced", n
         )
     return rest
 
@@ -241,13 +246,19 @@ def _finish(path, joints):
     column = 0
     for joint in joints:
         if joint.offset is None:
-            raise MotionFileError(path, f"joint {joint.name!r} has no OFFSET, expected three numbers", joint.line)
+            raise MotionFileError(path, f"joint {shown(joint.name)} has no OFFSET, expected three numbers", joint.line)
         if joint.channels is None:
             if not joint.is_end:
-                raise MotionFileError(path, f"joint {joint.name!r} has no CHANNELS", joint.line)
+                raise MotionFileError(path, f"joint {shown(joint.name)} has no CHANNELS, expected them", joint.line)
             joint.channels = []
         joint.first = column
         column += len(joint.channels)
+    names = {joint.name for joint in joints if not joint.is_end}
+    for joint in joints:
+        if joint.is_end:  # only now are all joints known whose names an end must not take
+            while joint.name in names:
+                joint.name += "_"
+            names.add(joint.name)
 
 
 # -- motion ------------------------------------------------------------------------------------------------
@@ -269,20 +280,23 @@ def _parse_motion(path, text, line, joints) -> tuple[np.ndarray, float]:
             raise MotionFileError(path, f"{shown(raw)}, expected {want.title()}: and a number", n)
         header[key] = numbers(path, n, value.split(), 1, want.title())[0]
         if key == "frames" and (header[key] < 1 or header[key] % 1):
-            raise MotionFileError(path, f"Frames: {value.strip()}, expected a whole number of at least 1", n)
-        if key == "frame time" and header[key] <= 0:
-            raise MotionFileError(path, f"Frame Time: {value.strip()}, expected seconds above zero", n)
+            raise MotionFileError(path, f"Frames: {shown(value)}, expected a whole number of at least 1", n)
+        if key == "frame time" and not header[key] >= 1e-6:
+            raise MotionFileError(path, f"Frame Time: {shown(value)}, expected seconds above zero (1e-6 or more)", n)
     if len(header) < 2:
-        raise MotionFileError(path, "the file ends before Frames: and Frame Time:", max(n, 1))
+        raise MotionFileError(path, "the file ends here, expected Frames: and Frame Time:", max(n, 1))
     columns = sum(len(joint.channels) for joint in joints)
     values = numbers_table(path, text, n, columns, int(header["frames"]))
     return values, _rate(header["frame time"])
 
 
 def _rate(frame_time: float) -> float:
-    """Frames per second; files write 1/120 s as 0.00833333, which is meant to be 120."""
+    """Frames per second; files write 1/120 s as 0.00833333, which is meant to be 120.
+
+    Television's 30/1.001 differs from 30 by a thousandth and stays what it is.
+    """
     fps = 1.0 / frame_time
-    return float(round(fps)) if abs(fps - round(fps)) < 1e-3 * fps else fps
+    return float(round(fps)) if abs(fps - round(fps)) < 5e-4 * fps else fps
 
 
 def _evaluate(joints, offsets, values):
@@ -320,21 +334,26 @@ def _evaluate(joints, offsets, values):
 
 
 def _guess_unit(skeleton: Skeleton, positions: np.ndarray) -> str:
-    """The unit in which the body has the size of a person: between 0.3 m and 3 m, nearest to 1.6 m."""
-    size = standing_height(skeleton)
-    if size <= 0:
+    """The unit in which the body has the size of a person, nearest to 1.6 m."""
+    known = recognise(skeleton) is not None
+    size = standing_height(skeleton) if known else float(np.ptp(skeleton.rest_pose(), axis=0).max())
+    if size < _SMALLEST:
         size = float(np.ptp(positions, axis=1).max())
-    candidates = {u: abs(np.log(size * METRES_PER_UNIT[u] / 1.6)) for u in ("m", "cm", "mm", "in")} if size > 0 else {}
-    return min(candidates, key=candidates.get) if candidates else "cm"
+    if size < _SMALLEST:
+        return "cm"
+    return min(("m", "cm", "mm", "in"), key=lambda unit: abs(np.log(size * METRES_PER_UNIT[unit] / 1.6)))
 
 
 def _guess_up(skeleton: Skeleton, positions: np.ndarray) -> str:
-    """The axis along which the head is above the feet, y where the skeleton is not known."""
-    if recognise(skeleton) is None:
-        return "y"
-    at = common_indices(skeleton)
-    feet = 0.5 * (positions[:, at["LeftFoot"]] + positions[:, at["RightFoot"]])
-    upright = np.median(positions[:, at["Head"]] - feet, axis=0)
+    """The axis along which the head is above the feet, found by their names; y where there are none."""
+    if recognise(skeleton) is not None:
+        at = common_indices(skeleton)
+        head, feet = [at["Head"]], [at["LeftFoot"], at["RightFoot"]]
+    else:
+        head, feet = ([j for j, name in enumerate(skeleton.names) if part in name.lower()] for part in ("head", "foot"))
+        if not head or not feet:
+            return "y"
+    upright = np.median(positions[:, head].mean(1) - positions[:, feet].mean(1), axis=0)
     return "z" if upright[2] > abs(upright[1]) and upright[2] > abs(upright[0]) else "y"
 
 
@@ -353,12 +372,14 @@ def _z_up_to_y_up(skeleton: Skeleton, positions: np.ndarray, rotations: np.ndarr
 def write_bvh(motion: Motion, path: str | os.PathLike, *, unit: str = "cm", decimals: int = 6) -> None:
     """Write a motion as BVH, whole or not at all.
 
-    With rotations the file is exact to ``decimals``; a joint gets position channels only where its bone changes.
-    Without (a network gave positions alone) rotations are recovered bone by bone first, by the smallest turn
-    from how the parent is turned: *no twist about a bone's own axis* (``ik.rotations_from_positions``). Bones
-    then have the length that they have on average, and position channels where they change, so that the file
-    shows just the motion that was given.
+    With rotations the file is exact to ``decimals``; a joint gets position channels only where its bone changes
+    (by more than 0.01 mm). Without (a network gave positions alone) rotations are recovered bone by bone first,
+    by the smallest turn from how the parent is turned: *no twist about a bone's own axis*
+    (``ik.rotations_from_positions``). Bones then have the length that they have on average, and position channels
+    where they change, so that every node is just where it was given. An End Site has no channels in a BVH file: one
+    that moves is written as a joint. A last joint without one gets an end site of length zero, which programs expect.
     unit: the unit of length in the file, centimetres as nearly all programs expect.
+    Raises ``MotionError`` for an unknown unit and where the file cannot be written.
     """
     if unit not in METRES_PER_UNIT:
         raise MotionError(f"unit {unit!r}: expected one of {', '.join(METRES_PER_UNIT)}")
@@ -370,41 +391,58 @@ def write_bvh(motion: Motion, path: str | os.PathLike, *, unit: str = "cm", deci
     moves = np.abs(translations - skeleton.offsets).max((0, 2)) > 1e-5
     moves[0] = True
 
+    ends = {j for j in skeleton.end_sites if not moves[j]}
+
     lines, columns = ["HIERARCHY"], []
-    _write_node(skeleton, 0, 0, scale, decimals, moves, lines, columns)
+    _write_hierarchy(skeleton, scale, decimals, moves, ends, lines, columns)
     lines += ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {1.0 / motion.fps:.10g}"]
     blocks = []
     for j in columns:
-        if moves[j] and j not in skeleton.end_sites:
+        if moves[j]:
             blocks.append(translations[:, j] * scale)
         blocks.append(np.degrees(quat_to_euler(motion.rotations[:, j], skeleton.orders[j])))
     rows = np.round(np.concatenate(blocks, 1), decimals) + 0.0  # + 0.0: no minus before a zero
-    with atomic_write(path) as temporary, open(temporary, "w", encoding="ascii", newline="\n") as file:
-        file.write("\n".join(lines) + "\n")
-        np.savetxt(file, rows, fmt=f"%.{decimals}f")
+    try:
+        with atomic_write(path) as temporary, open(temporary, "w", encoding="utf-8", newline="\n") as file:
+            file.write("\n".join(lines) + "\n")
+            np.savetxt(file, rows, fmt=f"%.{decimals}f")
+    except OSError as error:
+        raise MotionError(f"{path}: cannot be written ({error.strerror})") from None
 
 
-def _write_node(skeleton, j, depth, scale, decimals, moves, lines, columns):
-    pad = "\t" * depth
-    offset = " ".join(f"{x:.{decimals}f}" for x in skeleton.offsets[j] * scale + 0.0)
-    if j in skeleton.end_sites:
-        lines += [f"{pad}End Site", f"{pad}{{", f"{pad}\tOFFSET {offset}", f"{pad}}}"]
-        return
-    rotation = " ".join(f"{axis}rotation" for axis in skeleton.orders[j])
-    channels = f"6 Xposition Yposition Zposition {rotation}" if moves[j] else f"3 {rotation}"
-    lines += [
-        f"{pad}{'JOINT' if depth else 'ROOT'} {_safe_name(skeleton.names[j])}",
-        f"{pad}{{",
-        f"{pad}\tOFFSET {offset}",
-        f"{pad}\tCHANNELS {channels}",
-    ]
-    columns.append(j)
-    for child in skeleton.children[j]:
-        _write_node(skeleton, child, depth + 1, scale, decimals, moves, lines, columns)
-    if not skeleton.children[j]:
-        lines += [f"{pad}\tEnd Site", f"{pad}\t{{", f"{pad}\t\tOFFSET 0 0 0", f"{pad}\t}}"]
-    lines.append(f"{pad}}}")
+def _write_hierarchy(skeleton, scale, decimals, moves, ends, lines, columns):
+    """Depth first, as the rows have the channels; without recursion, for a chain may have any length."""
+    names = _safe_names(skeleton.names)
+    todo: list[tuple[int, int] | str] = [(0, 0)]
+    while todo:
+        item = todo.pop()
+        if isinstance(item, str):
+            lines.append(item)
+            continue
+        j, depth = item
+        pad = "\t" * depth
+        offset = " ".join(f"{x:.{decimals}f}" for x in np.round(skeleton.offsets[j] * scale, decimals) + 0.0)
+        if j in ends:
+            lines += [f"{pad}End Site", f"{pad}{{", f"{pad}\tOFFSET {offset}", f"{pad}}}"]
+            continue
+        rotation = " ".join(f"{axis}rotation" for axis in skeleton.orders[j])
+        channels = f"6 Xposition Yposition Zposition {rotation}" if moves[j] else f"3 {rotation}"
+        lines += [f"{pad}{'JOINT' if depth else 'ROOT'} {names[j]}", f"{pad}{{"]
+        lines += [f"{pad}\tOFFSET {offset}", f"{pad}\tCHANNELS {channels}"]
+        columns.append(j)
+        todo.append(f"{pad}}}")
+        todo += [(child, depth + 1) for child in reversed(skeleton.children[j])]
+        if not skeleton.children[j]:
+            lines += [f"{pad}\tEnd Site", f"{pad}\t{{", f"{pad}\t\tOFFSET 0 0 0", f"{pad}\t}}"]
 
 
-def _safe_name(name: str) -> str:
-    return name.replace("{", "(").replace("}", ")")
+def _safe_names(names: tuple[str, ...]) -> list[str]:
+    """Names that a file can hold: one line, no braces, none empty, none twice."""
+    safe: dict[str, None] = {}
+    for name in names:
+        text = " ".join(name.replace("{", "(").replace("}", ")").split())
+        text = "".join(c if c.isprintable() else "_" for c in text) or "joint"
+        while text in safe:
+            text += "_"
+        safe[text] = None
+    return list(safe)

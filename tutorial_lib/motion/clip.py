@@ -98,7 +98,7 @@ class Motion:
         """``motion[10:50]`` or ``motion[::4]``: some of its frames; a step of k divides the frame rate by k."""
         if not isinstance(frames, slice):
             raise MotionError(f"motion[{frames!r}]: expected a slice; for one pose take motion.positions[{frames!r}]")
-        step = frames.step or 1
+        step = 1 if frames.step is None else frames.step
         if step < 1:
             raise MotionError(f"motion[::{step}]: expected a step of at least 1")
         if not range(*frames.indices(len(self))):
@@ -116,7 +116,7 @@ class Motion:
         if not (np.isfinite(fps) and fps > 0):
             raise MotionError(f"resample to {fps} frames per second: expected a number above zero")
         ratio = self.fps / fps
-        if abs(ratio - round(ratio)) < 1e-3 * ratio and round(ratio) >= 1:
+        if abs(ratio - round(ratio)) < 1e-4 * ratio and round(ratio) >= 1:
             return self._with(
                 positions=self.positions[:: round(ratio)],
                 rotations=None if self.rotations is None else self.rotations[:: round(ratio)],

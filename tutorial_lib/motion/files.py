@@ -54,12 +54,14 @@ def file_info(path: str | os.PathLike, *, end_sites: bool = True, **options) -> 
     """Read ``path`` and say what it holds; raises as ``read_motion`` does."""
     path = pathlib.Path(path)
     suffix = path.suffix.lower()
+    options.pop("quiet", None)  # nothing is printed anyway
     if suffix == ".bvh":
         motion, guess = read_bvh_with_guess(path, end_sites=end_sites, **options)
         unit = guess.unit + (" (guessed from the body's size)" if guess.unit_guessed else "")
         up = guess.up + (" (guessed from the body's pose)" if guess.up_guessed else "")
         return FileInfo(path, motion, unit, up)
     if suffix == ".amc":
-        motion, unit = read_amc(path, end_sites=end_sites, with_unit=True, **options)
-        return FileInfo(path, motion, f"{unit} (from {asf_beside(path).name})", "y (as CMU's files have it)")
+        skeleton_file = pathlib.Path(options.pop("asf", None) or asf_beside(path))
+        motion, unit = read_amc(path, skeleton_file, end_sites=end_sites, with_unit=True, **options)
+        return FileInfo(path, motion, f"{unit} (from {skeleton_file.name})", "y (as CMU's files have it)")
     raise MotionFileError(path, f"suffix {path.suffix!r}, expected one of {', '.join(SUFFIXES)}")

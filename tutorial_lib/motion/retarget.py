@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import MotionError
 from .clip import Motion
 from .ik import rotations_from_positions
 from .rotations import matrix_to_quat, quat_between, quat_mul, quat_rotate
@@ -64,7 +65,8 @@ def common_skeleton(source: Skeleton) -> tuple[Skeleton, np.ndarray]:
         if joint in _FRAMES:
             pairs, up = _FRAMES[joint]
             across = (rest[left] - rest[right] for left, right in pairs)
-            turns[k] = _frame(next(a for a in across if np.linalg.norm(a) > 1e-6), rest[up] - rest[joint])
+            left = next((a for a in across if np.linalg.norm(a) > 1e-6), np.zeros(3))
+            turns[k] = _frame(left, rest[up] - rest[joint])
         else:
             child = next((c for c, p in COMMON_PARENTS.items() if p == joint and c in _T_POSE), None)
             if child is not None:
@@ -79,9 +81,12 @@ def common_skeleton(source: Skeleton) -> tuple[Skeleton, np.ndarray]:
 
 def _frame(left: np.ndarray, up: np.ndarray) -> np.ndarray:
     """The rotation whose x axis is ``left`` and whose y axis is nearest to ``up``."""
-    x = left / np.linalg.norm(left)
-    z = np.cross(x, up)
-    z /= np.linalg.norm(z)
+    z = np.cross(left, up)
+    if np.linalg.norm(z) < 1e-9:
+        raise MotionError(
+            "the skeleton's rest pose is flat: expected hips and shoulders with a width and a trunk above"
+        )
+    x, z = left / np.linalg.norm(left), z / np.linalg.norm(z)
     return matrix_to_quat(np.stack((x, np.cross(z, x), z), -1))
 
 

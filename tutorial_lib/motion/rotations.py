@@ -16,6 +16,7 @@ with tensors it is differentiable. There is one implementation, in torch.
 from __future__ import annotations
 
 import functools
+import math
 from typing import TypeVar
 
 import numpy as np
@@ -45,7 +46,7 @@ def numpy_or_torch(function):
 
 
 def _tensor(value):
-    if isinstance(value, np.ndarray | np.floating) or isinstance(value, list | tuple):
+    if isinstance(value, np.ndarray | np.floating | list | tuple):
         array = np.asarray(value)
         if array.dtype.kind in "iuf":
             array = array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)
@@ -53,6 +54,13 @@ def _tensor(value):
                 array = array.copy()  # torch warns about read-only memory and refuses negative strides
             return torch.from_numpy(array)
     return value
+
+
+def _tensor_of(angle, like: torch.Tensor | None = None) -> torch.Tensor:
+    """An angle that may also be a plain number."""
+    if isinstance(angle, torch.Tensor):
+        return angle
+    return torch.tensor(angle, dtype=torch.float64) if like is None else like.new_tensor(angle)
 
 
 Parts = tuple[torch.Tensor, ...]
@@ -117,13 +125,18 @@ def quat_between(u: Array, v: Array) -> Array:
     un, vn = (a.norm(dim=-1, keepdim=True) for a in (u, v))
     safe = (un > 1e-12) & (vn > 1e-12)
     u, v = (a / torch.where(safe, n, torch.ones_like(n)) for a, n in ((u, un), (v, vn)))
-    dot = (u * v).sum(-1, keepdim=True)
+    dot, middle = (u * v).sum(-1, keepdim=True), u + v
+    cross = torch.linalg.cross(u, middle)  # u x v; near opposite directions far more exact than that
     # half-way construction: (1 + u.v, u x v) normalised
-    q = torch.cat((1.0 + dot, torch.linalg.cross(u, v)), -1)
-    # any axis perpendicular to u, from the coordinate axis least aligned with it
-    axis = torch.zeros_like(u).scatter_(-1, u.abs().argmin(-1, keepdim=True), 1.0)
-    half_turn = torch.cat((torch.zeros_like(dot), torch.linalg.cross(u, axis)), -1)
-    q = torch.where(dot < -1.0 + 1e-9, half_turn, q)
+    q = torch.cat((1.0 + dot, cross), -1)
+    # near opposite directions that is rounding noise: cos and sin of the half angle from lengths instead, and
+    # where even the axis is lost any perpendicular one, from the coordinate axis least aligned with u
+    length = cross.norm(dim=-1, keepdim=True)
+    lost = length < 4 * torch.finfo(u.dtype).eps
+    other = torch.linalg.cross(u, torch.zeros_like(u).scatter_(-1, u.abs().argmin(-1, keepdim=True), 1.0))
+    axis = torch.where(lost, _unit(other, other), cross / torch.where(lost, torch.ones_like(length), length))
+    halves = torch.cat((middle.norm(dim=-1, keepdim=True), axis * (u - v).norm(dim=-1, keepdim=True)), -1)
+    q = torch.where(dot < -0.9, halves, q)
     identity = q.new_tensor([1.0, 0.0, 0.0, 0.0]).expand_as(q)
     return quat_normalize(torch.where(safe, q, identity))
 
@@ -131,7 +144,7 @@ def quat_between(u: Array, v: Array) -> Array:
 @numpy_or_torch
 def quat_from_axis_angle(axis: Array, angle: Array) -> Array:
     """Unit axes ``(..., 3)`` and angles ``(...)`` in radians to quaternions ``(..., 4)``."""
-    half = (angle * 0.5)[..., None]
+    half = (_tensor_of(angle, axis) * 0.5)[..., None]
     vector = axis * half.sin()
     return torch.cat((half.cos().expand(*vector.shape[:-1], 1), vector), -1)
 
@@ -139,7 +152,7 @@ def quat_from_axis_angle(axis: Array, angle: Array) -> Array:
 @numpy_or_torch
 def quat_about_y(angle: Array) -> Array:
     """Rotations about the vertical by ``angle`` ``(...)``; positive turns +z towards +x (to the left)."""
-    half = angle * 0.5
+    half = _tensor_of(angle) * 0.5
     zero = torch.zeros_like(half)
     return torch.stack((half.cos(), zero, half.sin(), zero), -1)
 
@@ -167,7 +180,7 @@ def quat_slerp(a: Array, b: Array, t: Array) -> Array:
     """Between ``a`` (``t = 0``) and ``b`` (``t = 1``) along the shorter arc; ``t`` broadcasts to ``(..., 1)``."""
     dot = (a * b).sum(-1, keepdim=True)
     b = torch.where(dot < 0, -b, b)
-    angle = torch.acos(dot.abs().clamp(max=1.0))
+    angle = 2.0 * torch.atan2((a - b).norm(dim=-1, keepdim=True), (a + b).norm(dim=-1, keepdim=True))
     sin = torch.sin(angle)
     near = sin < 1e-6
     sin = torch.where(near, torch.ones_like(sin), sin)
@@ -243,18 +256,31 @@ def euler_to_quat(angles: Array, order: str) -> Array:
 def quat_to_euler(q: Array, order: str) -> Array:
     """Quaternions ``(..., 4)`` to intrinsic Euler angles ``(..., 3)``; the middle one lies in [-pi/2, pi/2].
 
-    At the middle angle's limits (gimbal lock) the last angle is set to zero.
+    At the middle angle's limits (gimbal lock) the last angle is zero. Exact near those limits too, in single
+    precision as in double: half the sum and half the difference of the outer angles are found one by one
+    (Bernardes and Viollet 2022, "Quaternion to Euler angles conversion", for intrinsic orders).
     """
     i, j, k, sign = _axes(order)
-    m = quat_to_matrix(q)
-    sin_b = (sign * m[..., i, k]).clamp(-1.0, 1.0)
-    locked = sin_b.abs() > 1.0 - 1e-12
-    b = torch.atan2(sin_b, torch.hypot(m[..., i, i], m[..., i, j]))
-    a = torch.atan2(-sign * m[..., j, k], m[..., k, k])
-    c = torch.atan2(-sign * m[..., i, j], m[..., i, i])
-    a = torch.where(locked, torch.atan2(sign * m[..., k, j], m[..., j, j]), a)
-    c = torch.where(locked, torch.zeros_like(c), c)
-    return torch.stack((a, b, c), -1)
+    w, qi, qj, qk = q[..., 0], q[..., 1 + i], q[..., 1 + j], sign * q[..., 1 + k]
+    size = q.norm(dim=-1)
+    # from the product in euler_to_quat: w +- qj and qi +- qk have a common factor cos(b/2) +- sin(b/2)
+    up, half_sum, up_locked = _polar(w + qj, qi + qk, size)
+    down, half_difference, down_locked = _polar(w - qj, qi - qk, size)
+    half_sum = torch.where(up_locked, half_difference, half_sum)
+    half_difference = torch.where(down_locked, half_sum, half_difference)
+    b = 2.0 * torch.atan2(up, down) - math.pi / 2
+    a, c = half_sum + half_difference, sign * (half_sum - half_difference)
+    a, c = (x - 2 * math.pi * torch.round(x / (2 * math.pi)) for x in (a, c))
+    return torch.stack((a, b.clamp(-math.pi / 2, math.pi / 2), c), -1)
+
+
+def _polar(x: torch.Tensor, y: torch.Tensor, size: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Radius and angle of ``(x, y)``, and where it is rounding noise: there both are zero, their gradients too."""
+    square = x * x + y * y
+    noise = square <= (16 * torch.finfo(x.dtype).eps * size) ** 2
+    one, zero = torch.ones_like(x), torch.zeros_like(x)
+    radius = torch.where(noise, zero, torch.where(noise, one, square).sqrt())
+    return radius, torch.atan2(torch.where(noise, zero, y), torch.where(noise, one, x)), noise
 
 
 @numpy_or_torch
@@ -273,7 +299,10 @@ def sixd_to_quat(d: Array) -> Array:
     x, y = d[..., :3], d[..., 3:]
     ex, ey, ez = (d.new_tensor(e).expand_as(x) for e in ([1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]))
     x = _unit(x, ex)
+    size = y.norm(dim=-1, keepdim=True)
     y = y - (x * y).sum(-1, keepdim=True) * x
+    parallel = y.norm(dim=-1, keepdim=True) < 8 * torch.finfo(y.dtype).eps * size
+    y = torch.where(parallel, torch.zeros_like(y), y)  # what is left of parallel vectors is rounding noise
     aligned = x[..., 1:2].abs() > 0.9
     fallback = torch.where(aligned, ez, ey)
     fallback = fallback - (x * fallback).sum(-1, keepdim=True) * x

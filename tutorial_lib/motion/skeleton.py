@@ -61,7 +61,7 @@ class Skeleton:
         for order in self.orders:
             check_order(order)
         inner = self.end_sites & {p for p in self.parents if p >= 0}
-        if inner or not self.end_sites <= set(range(n)):
+        if inner or not self.end_sites <= set(range(1, n)):
             raise MotionError(f"skeleton: end sites {sorted(self.end_sites)}: expected leaves among {n} nodes")
 
     # -- structure ---------------------------------------------------------------------------------------
@@ -84,7 +84,11 @@ class Skeleton:
     @functools.cached_property
     def children(self) -> tuple[tuple[int, ...], ...]:
         """The children of each node."""
-        return tuple(tuple(k for k, p in enumerate(self.parents) if p == j) for j in range(self.n_joints))
+        children: list[list[int]] = [[] for _ in self.parents]
+        for j, p in enumerate(self.parents):
+            if p >= 0:
+                children[p].append(j)
+        return tuple(map(tuple, children))
 
     @functools.cached_property
     def bone_lengths(self) -> np.ndarray:
@@ -101,14 +105,11 @@ class Skeleton:
     @functools.cached_property
     def _levels(self) -> tuple[tuple[torch.Tensor, torch.Tensor], ...]:
         """For each depth of the tree: its nodes, and where their parents stand among the depth above."""
-        depth = [0] * self.n_joints
-        for j, p in enumerate(self.parents):
-            depth[j] = depth[p] + 1 if p >= 0 else 0
-        levels, above = [], {}
-        for d in range(max(depth) + 1):
-            nodes = [j for j in range(self.n_joints) if depth[j] == d]
+        levels, nodes, above = [], [0], {}
+        while nodes:
             levels.append((torch.tensor(nodes), torch.tensor([above.get(self.parents[j], 0) for j in nodes])))
             above = {j: k for k, j in enumerate(nodes)}
+            nodes = sorted(k for j in nodes for k in self.children[j])
         return tuple(levels)
 
     # -- kinematics --------------------------------------------------------------------------------------
@@ -246,8 +247,11 @@ class Skeleton:
                 tuple(d["names"]), tuple(d["parents"]), np.array(d["offsets"]), tuple(d["orders"]),
                 frozenset(d["end_sites"]),
             )  # fmt: skip
-        except (KeyError, TypeError) as error:
-            raise MotionError(f"skeleton description: {error!r}, expected names, parents, offsets, orders, end_sites")
+        except MotionError:
+            raise
+        except (KeyError, TypeError, ValueError) as error:
+            what = f"skeleton description: {error!r}, expected names, parents, offsets, orders, end_sites"
+            raise MotionError(what) from None
 
     def __repr__(self) -> str:
         return f"Skeleton({self.n_joints} nodes, {len(self.end_sites)} of them end sites, root {self.names[0]!r})"

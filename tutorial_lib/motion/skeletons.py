@@ -17,11 +17,12 @@ COMMON_PARENTS = {
 }  # fmt: skip
 COMMON_JOINTS = tuple(COMMON_PARENTS)
 
+_TRUNK = ("Hips", "Spine", "Chest", "Neck", "Head")
 _SIDES = ("Shoulder", "Arm", "ForeArm", "Hand", "UpLeg", "Leg", "Foot", "Toe")
 
 
 def _table(centre: tuple[str, ...], left: tuple[str, ...], right: tuple[str, ...]) -> dict[str, str]:
-    names = dict(zip(("Hips", "Spine", "Chest", "Neck", "Head"), centre, strict=True))
+    names = dict(zip(_TRUNK, centre, strict=True))
     for side, source in (("Left", left), ("Right", right)):
         names |= {side + part: name for part, name in zip(_SIDES, source, strict=True)}
     return {joint: names[joint] for joint in COMMON_JOINTS}
@@ -94,11 +95,6 @@ def standing_height(skeleton: Skeleton) -> float:
     if recognise(skeleton) is None:
         return extent or float(np.ptp(rest, axis=0).max())
     at = common_indices(skeleton)
-    chain = sum(
-        float(np.linalg.norm(rest[at[a]] - rest[at[b]]))
-        for a, b in (
-            ("LeftUpLeg", "LeftLeg"), ("LeftLeg", "LeftFoot"),
-            ("Hips", "Spine"), ("Spine", "Chest"), ("Chest", "Neck"), ("Neck", "Head"),
-        )  # fmt: skip
-    )
+    bones = ("LeftUpLeg", "LeftLeg"), ("LeftLeg", "LeftFoot"), *zip(_TRUNK, _TRUNK[1:], strict=False)
+    chain = sum(float(np.linalg.norm(rest[at[a]] - rest[at[b]])) for a, b in bones)
     return extent if extent > 0.8 * chain else chain

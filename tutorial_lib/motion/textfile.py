@@ -11,7 +11,10 @@ import numpy as np
 
 from ..errors import MotionFileError
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_WHOLE = re.compile(r"\d{1,9}", re.ASCII)
+LARGEST = 1e9  # no body is so large in any unit, and squares of it are still far from overflowing
+LONGEST_LINE = 1_000_000  # characters; a row of 500 joints' channels has fewer than 50,000
 
 
 @dataclass(frozen=True)
@@ -27,18 +30,27 @@ def read_text(path: str | os.PathLike) -> Text:
     try:
         raw = path.read_bytes()
     except FileNotFoundError:
-        raise MotionFileError(path, "no such file") from None
-    except OSError as error:
-        raise MotionFileError(path, f"cannot be read ({error.strerror})") from None
+        raise MotionFileError(path, "no such file, expected a motion file there") from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
+        raise MotionFileError(
+            path, f"cannot be read ({getattr(error, 'strerror', error)}), expected a motion file"
+        ) from None
     if not raw.strip():
-        raise MotionFileError(path, "the file is empty")
+        raise MotionFileError(path, "the file is empty, expected a motion")
     if b"\0" in raw[:65536]:
         raise MotionFileError(path, "a binary file, expected text")
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("latin-1")  # joint names in an old Windows encoding; numbers are the same
-    return Text(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if not lines[-1]:
+        lines.pop()  # the end of the last line, not a line after it
+    for n, line in enumerate(lines, 1):
+        if len(line) > LONGEST_LINE:
+            what = f"a line of {len(line):,} characters, expected at most {LONGEST_LINE:,} in a motion file"
+            raise MotionFileError(path, what, n)
+    return Text(lines)
 
 
 def shown(text: str, width: int = 40) -> str:
@@ -48,11 +60,16 @@ def shown(text: str, width: int = 40) -> str:
 
 
 def number(word: str) -> float | None:
-    """The finite number that ``word`` is, else None: no NaN, infinity, decimal comma or underscore."""
+    """The number that ``word`` is, else None: no NaN, infinity, decimal comma or underscore, none past 1e9."""
     if _NUMBER.fullmatch(word) is None:
         return None
     value = float(word)
-    return value if np.isfinite(value) else None
+    return value if abs(value) < LARGEST else None
+
+
+def whole(word: str) -> int | None:
+    """The whole number of at most nine digits that ``word`` is, else None."""
+    return int(word) if _WHOLE.fullmatch(word) else None
 
 
 def numbers(path, line: int, words: list[str], count: int, what: str) -> list[float]:
@@ -63,7 +80,7 @@ def numbers(path, line: int, words: list[str], count: int, what: str) -> list[fl
     for word in words:
         value = number(word)
         if value is None:
-            raise MotionFileError(path, f"{what}: {shown(word)}, expected a finite number with a decimal point", line)
+            raise MotionFileError(path, f"{what}: {shown(word)}, expected a finite number below 1e9, like -1.5", line)
         values.append(value)
     return values
 
@@ -77,7 +94,7 @@ def numbers_table(path, text: Text, first: int, columns: int, rows: int) -> np.n
         if not lines:
             raise ValueError
         values = np.loadtxt(lines, dtype=np.float64, comments=None, ndmin=2)
-        if values.shape == (rows, columns) and np.isfinite(values).all():
+        if values.shape == (rows, columns) and np.abs(values).max() < LARGEST:  # false for NaN, too
             return values
     except ValueError:  # a word that is no number, or rows of different lengths
         pass

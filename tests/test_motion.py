@@ -1,0 +1,186 @@
+"""``Motion``: immutable, cut, resampled, turned, scaled."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from tutorial_lib.errors import MotionError
+from tutorial_lib.motion import Motion, Skeleton
+from tutorial_lib.motion.ik import rotations_from_positions, with_rotations
+from tutorial_lib.motion.rotations import quat_angle, quat_from_axis_angle, quat_rotate
+
+ONE = Skeleton(("a", "b"), (-1, 0), [[0, 0, 0], [1, 0, 0]])
+
+
+def spinning(frames: int = 61, fps: float = 60.0) -> Motion:
+    """A one-metre bone about z, one radian a second; its root walks along x at 2 m/s."""
+    time = np.arange(frames) / fps
+    q = np.zeros((frames, 2, 4))
+    q[:, 1, 0] = 1
+    q[:, 0] = quat_from_axis_angle(np.array([0, 0, 1.0]), time)
+    root = np.stack((2 * time, 0 * time, 0 * time), -1)
+    return Motion.from_rotations(ONE, fps, root, q, name="spin")
+
+
+def spin_at(time: np.ndarray) -> np.ndarray:
+    return np.stack((2 * time + np.cos(time), np.sin(time), 0 * time), -1)
+
+
+def test_size_and_names():
+    m = spinning()
+    assert len(m) == m.n_frames == 61 and m.duration == 61 / 60 and m.with_name("x").name == "x"
+    assert np.allclose(m.positions[:, 1], spin_at(np.arange(61) / 60))
+    assert "61 frames at 60 fps" in repr(m) and "rotations" in repr(m)
+    assert pickle.loads(pickle.dumps(m)).skeleton == ONE
+
+
+def test_nothing_in_it_can_be_changed(small_motion):
+    with pytest.raises(ValueError):
+        small_motion.positions[0, 0, 0] = 1
+    with pytest.raises(ValueError):
+        small_motion.rotations[0, 0, 0] = 1
+    with pytest.raises(AttributeError):
+        small_motion.fps = 3
+    given = np.zeros((1, 2, 3))
+    m = Motion(ONE, 30, given)
+    given[:] = 1
+    assert not m.positions.any()
+
+
+def test_slices(small_motion):
+    part = small_motion[10:20]
+    assert len(part) == 10 and np.array_equal(part.positions, small_motion.positions[10:20])
+    assert np.array_equal(part.rotations, small_motion.rotations[10:20]) and part.fps == 30
+    assert small_motion[::4].fps == 7.5 and len(small_motion[::4]) == 13
+    for bad in (slice(5, 5), slice(60, 70), slice(None, None, -1), slice(None, None, 0), 3):
+        with pytest.raises(MotionError):
+            small_motion[bad]
+
+
+@pytest.mark.parametrize("fps, frames", [(30.0, 31), (20.0, 21), (120.0, 121), (25.0, 26), (29.97, 30)])
+def test_resampling_keeps_time(fps, frames):
+    """Time is not stretched: frame i is the pose at i / fps, between two frames along the arc."""
+    m = spinning().resample(fps)
+    assert len(m) == frames and m.fps == fps
+    time = np.arange(frames) / fps
+    assert np.abs(m.positions[:, 1] - spin_at(time)).max() < 1e-12
+    assert np.allclose(np.linalg.norm(m.positions[:, 1] - m.positions[:, 0], axis=-1), 1)
+
+
+def test_resampling_positions_alone():
+    m = spinning()
+    m = Motion(m.skeleton, m.fps, m.positions).resample(25)
+    assert np.abs(m.positions[:, 1] - spin_at(np.arange(26) / 25)).max() < 1e-4  # the chord of a 1/60 rad arc
+
+
+def test_turning_about_the_vertical(small_motion):
+    m = small_motion.rotate_y(np.pi / 2)
+    x, y, z = np.moveaxis(small_motion.positions, -1, 0)
+    assert np.allclose(m.positions, np.stack((z, y, -x), -1))
+    root = m.positions[:, 0]
+    assert np.allclose(m.skeleton.fk(m.rotations, root), m.positions)
+    assert np.allclose(small_motion.rotate_y(0.7).rotate_y(-0.7).positions, small_motion.positions)
+
+
+def test_moving_and_scaling(small_motion):
+    assert np.allclose(small_motion.translate((1, 2, 3)).positions - small_motion.positions, [1, 2, 3])
+    m = small_motion.scaled_to(1.54)
+    assert m.height == pytest.approx(1.54)
+    assert np.allclose(m.positions, small_motion.positions * 1.54 / small_motion.height)
+    assert np.allclose(m.skeleton.fk(m.rotations, m.positions[:, 0]), m.positions)
+    for bad in (0, -1, np.nan, np.inf):
+        with pytest.raises(MotionError):
+            small_motion.scaled(bad)
+        with pytest.raises(MotionError):
+            small_motion.resample(bad)
+    with pytest.raises(MotionError, match="none"):
+        Motion(Skeleton(("a",), (-1,), np.zeros((1, 3))), 30, np.zeros((2, 1, 3))).scaled_to(1.0)
+
+
+def test_on_the_ground():
+    positions = np.full((1000, 2, 3), 5.0)
+    positions[7, 1, 1] = -3.0  # one slipped marker
+    assert Motion(ONE, 30, positions).on_ground().positions[0, 0, 1] == pytest.approx(0, abs=0.1)
+
+
+def test_without_end_sites(small_motion):
+    m = small_motion.without_end_sites()
+    assert m.skeleton.names == ("root", "spine", "leg", "shin") and not m.skeleton.end_sites
+    assert np.array_equal(m.positions, small_motion.positions[:, [0, 1, 3, 4]])
+    assert np.allclose(m.skeleton.fk(m.rotations, m.positions[:, 0]), m.positions)
+
+
+def test_translations_of_rigid_bones_are_the_offsets(small_motion):
+    t = small_motion.translations()
+    assert np.allclose(t[:, 1:], small_motion.skeleton.offsets[1:])
+    assert np.allclose(t[:, 0], small_motion.positions[:, 0])
+    with pytest.raises(MotionError, match="positions alone"):
+        Motion(ONE, 30, np.zeros((1, 2, 3))).translations()
+
+
+@pytest.mark.parametrize(
+    "fps, positions, rotations, told",
+    [
+        (0, np.zeros((1, 2, 3)), None, "above zero"),
+        (np.nan, np.zeros((1, 2, 3)), None, "above zero"),
+        (30, np.zeros((0, 2, 3)), None, "T >= 1"),
+        (30, np.zeros((1, 3, 3)), None, r"expected \(T, 2, 3\)"),
+        (30, np.zeros((2, 3)), None, r"expected \(T, 2, 3\)"),
+        (30, np.array([[[0, 0, 0], [0, np.inf, 0]]]), None, "frame 0, joint 'b'"),
+        (30, np.zeros((1, 2, 3)), np.ones((2, 2, 4)), "2 frames of rotations for 1"),
+        (30, np.zeros((1, 2, 3)), np.ones((1, 2, 3)), r"expected \(T, 2, 4\)"),
+    ],
+)
+def test_what_is_no_motion(fps, positions, rotations, told):
+    with pytest.raises(MotionError, match=told) as caught:
+        Motion(ONE, fps, positions, rotations, "x")
+    assert "\n" not in str(caught.value)
+
+
+# -- rotations from positions --------------------------------------------------------------------------------
+
+
+def test_recovered_rotations_point_every_bone(small_motion):
+    skeleton, positions = small_motion.skeleton, small_motion.positions
+    q = rotations_from_positions(skeleton, positions)
+    assert np.abs(skeleton.fk(q, positions[:, 0]) - positions).max() < 1e-9
+    assert np.allclose(q[:, sorted(skeleton.end_sites)], [1, 0, 0, 0])
+
+
+def test_recovered_rotations_have_no_twist_about_the_bone():
+    """A swing's axis is perpendicular to the bone it swings: no part of it turns about the bone."""
+    chain = Skeleton(tuple("abcd"), (-1, 0, 1, 2), [[0, 0, 0], [0.3, 0.1, 0], [0, 0.4, 0.2], [0.1, 0, 0.5]])
+    rng = np.random.default_rng(5)
+    true = rng.normal(size=(40, 4, 4))
+    m = Motion.from_rotations(chain, 30, np.zeros((40, 3)), true)
+    q = rotations_from_positions(chain, m.positions)
+    assert np.abs(chain.fk(q, m.positions[:, 0]) - m.positions).max() < 1e-9
+    for j in range(3):
+        bone = chain.offsets[j + 1] / np.linalg.norm(chain.offsets[j + 1])
+        assert np.abs(q[:, j, 1:] @ bone).max() < 1e-9
+    assert np.allclose(q[:, 3], [1, 0, 0, 0])  # nothing hangs from it: nothing is known, nothing added
+    kept = rotations_from_positions(chain, m.positions, reference=m.rotations)
+    assert quat_angle(kept, m.rotations).max() < 1e-7  # twist from the reference: all of it is back
+
+
+def test_joints_in_one_place_and_folded_bones_stay_finite():
+    s = Skeleton(tuple("abcd"), (-1, 0, 1, 0), [[0, 0, 0], [0, 0, 0], [0, 1, 0], [1, 0, 0]])
+    positions = np.zeros((3, 4, 3))
+    positions[1, 2] = [0, -1, 0]
+    positions[2, 2:] = [[0, 0, 1], [0, 1, 0]]
+    q = rotations_from_positions(s, positions)
+    assert np.isfinite(q).all() and np.allclose(np.linalg.norm(q, axis=-1), 1)
+    assert np.allclose(quat_rotate(q[2, 0], np.array([1.0, 0, 0])), [0, 1, 0], atol=1e-9)
+    with pytest.raises(MotionError, match="expected"):
+        rotations_from_positions(s, positions[:, :2])
+
+
+def test_bones_take_their_mean_length(small_motion):
+    m = Motion(small_motion.skeleton, 30, small_motion.positions * 1.1)
+    got = with_rotations(m)
+    assert np.allclose(got.skeleton.bone_lengths, 1.1 * m.skeleton.bone_lengths)
+    assert np.array_equal(got.positions, m.positions)
+    assert with_rotations(small_motion) is small_motion
