@@ -3,10 +3,10 @@
 Sources
     Leg angles over a stride: walking after Winter, *Biomechanics and Motor Control of Human Movement*
     (4th ed. 2009) for knee and ankle and Perry and Burnfield, *Gait Analysis* (2nd ed. 2010) for the
-    thigh; running after Novacheck 1998, "The biomechanics of running". The values below were read
-    off the curves and rounded to degrees.
-    Walking cadence: the constant ratio of step length to cadence, 0.0062 m per step/min
-    (Sekiya and Nagasaki 1998). Running cadence: nearly constant, rising slowly with speed
+    thigh; running after Novacheck 1998, "The biomechanics of running". The values below are a few key
+    points of those curves, rounded to degrees: an approximation, not a table of measurements.
+    Walking cadence: a constant ratio of step length to cadence (Sekiya and Nagasaki 1998, who find about
+    0.0065 m per step/min); 0.0062 here, which suits this body. Running cadence: nearly constant, rising slowly with speed
     (Cavagna et al. 1988). Stance share: Grieve and Gear 1966; Novacheck 1998.
     Rise and sway of the body in walking: Orendurff et al. 2004. Its bounce in running: contact force
     a half sine wave, gravity in flight (Morin et al. 2005). Arm swing: Murray et al. 1967.
