@@ -78,9 +78,7 @@ def test_published_bvh_sets_are_pinned(name, clips):
     entry = data.entry(name)
     assert entry.clips == len(entry.files) == clips
     for file in entry.files:
-        assert re.fullmatch(
-            r"https://raw\.githubusercontent\.com/[\w.-]+/[\w.-]+/[0-9a-f]{40}/.+\.bvh", file.url
-        )
+        assert re.fullmatch(r"https://raw\.githubusercontent\.com/[\w.-]+/[\w.-]+/[0-9a-f]{40}/.+\.bvh", file.url)
         assert re.fullmatch("[0-9a-f]{64}", file.sha256) and file.size > 1000 and file.frames > 10
 
 
@@ -223,9 +221,7 @@ def test_load_samples_sorted_named_and_in_metres(samples, monkeypatch):
     monkeypatch.delenv("TUTORIAL_DATA", raising=False)
     motions = data.load("samples/walking")
     assert [m.name for m in motions] == ["samples/walking/01", "samples/walking/02"]
-    np.testing.assert_allclose(
-        motions[1].positions[0], [[0.02, 0.9, 0], [0.02, 1.7, 0], [0.02, 2.5, 0]], atol=1e-9
-    )
+    np.testing.assert_allclose(motions[1].positions[0], [[0.02, 0.9, 0], [0.02, 1.7, 0], [0.02, 2.5, 0]], atol=1e-9)
 
 
 def test_limit_and_fps(samples, monkeypatch):

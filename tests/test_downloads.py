@@ -100,9 +100,7 @@ def remote(server, name="set/a.bvh", sha256=SHA, size=None):
 
 
 def files_in(cache):
-    return sorted(
-        p.relative_to(cache).as_posix() for p in cache.rglob("*") if p.is_file() and p.name != ".lock"
-    )
+    return sorted(p.relative_to(cache).as_posix() for p in cache.rglob("*") if p.is_file() and p.name != ".lock")
 
 
 def test_good_file_arrives_once_and_readable(server, tmp_path):
@@ -244,9 +242,7 @@ def test_first_download_is_recorded_and_held_to(server, tmp_path):
 
     server.files["set/1.amc"] = AMC + b"2\nroot 0 0 0 0 0 0\n"
     (tmp_path / "set/1.amc").unlink()
-    with pytest.raises(
-        DownloadError, match=f"expected SHA-256 {sha} as first downloaded .*checksums.json.*found"
-    ):
+    with pytest.raises(DownloadError, match=f"expected SHA-256 {sha} as first downloaded .*checksums.json.*found"):
         download_files(unpublished, tmp_path)
     assert files_in(tmp_path) == ["checksums.json"]
 

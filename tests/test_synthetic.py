@@ -80,8 +80,9 @@ def test_bones_keep_their_length_and_all_is_finite(clip):
     assert len(motion) == SECONDS * 30 and np.isfinite(motion.positions).all()
     bones = motion.skeleton.bones
     length = np.linalg.norm(motion.positions[:, bones[:, 1]] - motion.positions[:, bones[:, 0]], axis=-1)
-    np.testing.assert_allclose(length, np.linalg.norm(motion.skeleton.offsets[bones[:, 1]], axis=-1)[None]
-                               .repeat(len(motion), 0), atol=1e-9)
+    np.testing.assert_allclose(
+        length, np.linalg.norm(motion.skeleton.offsets[bones[:, 1]], axis=-1)[None].repeat(len(motion), 0), atol=1e-9
+    )
 
 
 def test_feet_that_stand_do_not_slide(clip):
@@ -164,8 +165,18 @@ def test_same_seed_same_motion_and_another_another(style):
     assert np.abs(first.positions - other.positions).max() > 0.1
 
 
-@pytest.mark.parametrize("style, speed", [("walking", 0.6), ("walking", 1.3), ("walking", 2.0), ("walking", 4.0),
-                                          ("running", 0.6), ("running", 2.5), ("running", 4.0)])
+@pytest.mark.parametrize(
+    "style, speed",
+    [
+        ("walking", 0.6),
+        ("walking", 1.3),
+        ("walking", 2.0),
+        ("walking", 4.0),
+        ("running", 0.6),
+        ("running", 2.5),
+        ("running", 4.0),
+    ],
+)
 def test_the_speed_asked_for(style, speed):
     motion = getattr(synthetic, style)(30.0, speed=speed, path=STRAIGHT)
     hips = _joint(motion, "Hips")
@@ -296,7 +307,8 @@ def test_bad_lengths_and_tempos():
 def test_committed_samples_are_what_the_generator_makes():
     clips = sample_clips()
     assert {p.relative_to(SAMPLES).as_posix() for p in SAMPLES.glob("*/*.bvh")} == {
-        f"{style}/{k:02d}.bvh" for style, made in clips.items() for k in range(1, len(made) + 1)}
+        f"{style}/{k:02d}.bvh" for style, made in clips.items() for k in range(1, len(made) + 1)
+    }
     for style, made in clips.items():
         seconds = 0.0
         for k, make in enumerate(made, 1):

@@ -73,9 +73,7 @@ def download_files(files: Sequence[RemoteFile], cache: str | os.PathLike) -> Non
 def _download_files(files: Sequence[RemoteFile], cache: pathlib.Path) -> None:
     recorded = _read_record(cache)
     expected = {f.name: f.sha256 or recorded.get(f.name) for f in files}
-    store = pooch.create(
-        cache, base_url="", registry=expected, urls={f.name: f.url for f in files}, retry_if_failed=0
-    )
+    store = pooch.create(cache, base_url="", registry=expected, urls={f.name: f.url for f in files}, retry_if_failed=0)
     missing = [f for f in files if not _is_right(cache / f.name, expected[f.name])]
     if missing and offline():
         raise DownloadError(f"{OFFLINE} is set")
@@ -215,8 +213,7 @@ class ResumingDownloader:
             if start.lstrip()[:1] not in (b"#", b":"):
                 self.part.unlink()
                 raise DownloadError(
-                    f"{url}: expected a file that starts with '#' or ':', found {start[:24]!r}; "
-                    f"nothing was kept"
+                    f"{url}: expected a file that starts with '#' or ':', found {start[:24]!r}; nothing was kept"
                 )
 
 

@@ -56,9 +56,7 @@ def motion_change_plot(
     frames. truth: what it is in real motion, a dotted line.
     """
     smoothed = {label: moving_mean(np.asarray(c, dtype=float), smooth) for label, c in changes.items()}
-    figure = curve_plot(
-        smoothed, xlabel="frames after the seed", ylabel="motion change per frame", title=title
-    )
+    figure = curve_plot(smoothed, xlabel="frames after the seed", ylabel="motion change per frame", title=title)
     if truth is not None:
         axes = figure.axes[0]
         axes.axhline(truth, color=palette.GREY, linewidth=1.2, linestyle=(0, (1, 2)))
@@ -91,13 +89,9 @@ def distance_plot(
     matrices: Mapping[str, np.ndarray], *, fps: float, title: str = "", size: float = 3.3
 ) -> NotebookFigure:
     """Distances between every two frames, ``{label: (T, T)}``: dark where two frames are alike; axes in seconds."""
-    figure = NotebookFigure(
-        figsize=(size * len(matrices) + 0.6, size + 0.5), layout="constrained", facecolor="white"
-    )
+    figure = NotebookFigure(figsize=(size * len(matrices) + 0.6, size + 0.5), layout="constrained", facecolor="white")
     figure.suptitle(title, fontsize=10)
-    for axes, (label, matrix) in zip(
-        np.atleast_1d(figure.subplots(1, len(matrices))), matrices.items(), strict=True
-    ):
+    for axes, (label, matrix) in zip(np.atleast_1d(figure.subplots(1, len(matrices))), matrices.items(), strict=True):
         seconds = len(matrix) / fps
         image = axes.imshow(matrix, cmap="cividis", extent=(0, seconds, seconds, 0), vmin=0)
         axes.set_title(label, fontsize=10)
@@ -113,9 +107,7 @@ def rest_pose_plot(skeleton: Skeleton, *, names: bool = True, size: float = 6.5)
     figure = NotebookFigure(figsize=(size * 1.5, size), layout="constrained", facecolor="white")
     axes = figure.subplots()
     for a, b in skeleton.bones:
-        axes.plot(
-            *rest[[a, b]][:, :2].T, color=palette.mix(palette.BLUE, "#ffffff", 0.3), linewidth=3, zorder=1
-        )
+        axes.plot(*rest[[a, b]][:, :2].T, color=palette.mix(palette.BLUE, "#ffffff", 0.3), linewidth=3, zorder=1)
     joints = list(skeleton.joints)
     axes.scatter(*rest[joints][:, :2].T, s=22, color=palette.BLUE, zorder=2)
     if sorted(skeleton.end_sites):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -12,10 +11,10 @@ from ..errors import TutorialError
 from ..motion.clip import Motion
 from . import palette
 from .body import Body, describe, facing, ground_height
+from .figure import NotebookFigure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _GROUND, _TEXT = "#c3cad3", "#24292f"
 _LETTER = 0.085  # inches that a character of the smallest text takes
@@ -31,7 +30,7 @@ def pose_strip(
     width: float = 10.0,
     row_height: float | None = None,
     azimuth: float | None = None,
-) -> Figure:
+) -> NotebookFigure:
     """Poses of one motion or several, one row each, on a ground line, each pose in its own place.
 
     frames: how many, evenly spaced from the first to the last of the longest motion; or which (of the
@@ -43,8 +42,6 @@ def pose_strip(
     Returns a matplotlib ``Figure`` that belongs to no window; raises ``TutorialError`` for frames that
     are not there.
     """
-    from matplotlib.figure import Figure
-
     rows = as_motions(motions)
     if labels is None:
         labels = [m.name for m in rows] if len(rows) > 1 else [""]
@@ -71,7 +68,7 @@ def pose_strip(
     cell = width / len(chosen) / scale
     row_height, foot, head = (high - low) * scale, 0.42, 0.24 if named else 0.04
     total = len(rows) * (row_height + head) + foot
-    figure = Figure(figsize=(width, total), dpi=100, facecolor="white")
+    figure = NotebookFigure(figsize=(width, total), dpi=100, facecolor="white")
     for i, (row, label, color) in enumerate(zip(drawn, labels, colors, strict=True)):
         base = total - (i + 1) * (row_height + head)
         axes = figure.add_axes((0, base / total, 1, row_height / total))
@@ -114,8 +111,6 @@ def film_strip_png(
     frames: int = 8,
 ) -> bytes:
     """A small ``pose_strip`` (720 pixels wide) as a PNG file's bytes, of the first ``rows`` motions."""
-    from PIL import Image
-
     count = min(len(motions), rows)
     seeds = [seed_frames] * len(motions) if isinstance(seed_frames, (int, np.integer)) else list(seed_frames)
     names = list(labels or [m.name for m in motions])[:count] if len(motions) > 1 else None
@@ -130,10 +125,7 @@ def film_strip_png(
         width=7.2,
         row_height=1.3 if count == 1 else 0.9,
     )
-    raw, small = io.BytesIO(), io.BytesIO()
-    figure.savefig(raw, format="png", dpi=100)
-    Image.open(raw).convert("RGB").quantize(96).save(small, "PNG", optimize=True)
-    return small.getvalue()
+    return figure.png()
 
 
 def as_motions(motions: Motion | Sequence[Motion]) -> tuple[Motion, ...]:

@@ -69,8 +69,9 @@ def sample_skeleton(height: float = HEIGHT) -> Skeleton:
 
 
 def _mirrored(rows):
-    return [(name.replace("Left", "Right"), parent.replace("Left", "Right"), (-x, y, z))
-            for name, parent, (x, y, z) in rows]
+    return [
+        (name.replace("Left", "Right"), parent.replace("Left", "Right"), (-x, y, z)) for name, parent, (x, y, z) in rows
+    ]
 
 
 def rot_x(angle: np.ndarray) -> np.ndarray:
@@ -270,8 +271,14 @@ class Body:
             self[f"{side_name}Shoulder"] = chest @ rot_y(-sign * ahead) @ rot_z(sign * raised)
 
     # arms ---------------------------------------------------------------------------------------------
-    def set_arm(self, side: str, upper: np.ndarray, elbow: np.ndarray, pronation: np.ndarray | float = 0.0,
-                wrist: np.ndarray | None = None) -> None:
+    def set_arm(
+        self,
+        side: str,
+        upper: np.ndarray,
+        elbow: np.ndarray,
+        pronation: np.ndarray | float = 0.0,
+        wrist: np.ndarray | None = None,
+    ) -> None:
         """An arm from its upper bone's world rotation (T, 3, 3), its elbow's bend and the palm's turn (T,).
 
         pronation turns the palm about the forearm; wrist: (T, 2) bend towards the palm, and to the thumb.
@@ -287,8 +294,14 @@ class Body:
             hand = hand @ rot_z(-sign * wrist[:, 0]) @ rot_y(-sign * wrist[:, 1])
         self[f"{side}Hand"] = self[f"{side}HandTip"] = hand
 
-    def reach(self, side: str, target: np.ndarray, elbow_towards: np.ndarray,
-              pronation: np.ndarray | float = 0.0, wrist: np.ndarray | None = None) -> None:
+    def reach(
+        self,
+        side: str,
+        target: np.ndarray,
+        elbow_towards: np.ndarray,
+        pronation: np.ndarray | float = 0.0,
+        wrist: np.ndarray | None = None,
+    ) -> None:
         """An arm whose wrist goes to ``target`` (T, 3), or near where out of reach; the elbow points as told."""
         shoulder = self.position(f"{side}Arm")
         d = target - shoulder
@@ -332,8 +345,14 @@ def _part(rotation: np.ndarray, share: float) -> np.ndarray:
     """A rotation (T, 3, 3) about the same axis by a share of its angle (less than half a turn)."""
     cos = np.clip((np.trace(rotation, axis1=-2, axis2=-1) - 1) / 2, -1, 1)
     angle = np.arccos(cos)
-    axis = np.stack((rotation[:, 2, 1] - rotation[:, 1, 2], rotation[:, 0, 2] - rotation[:, 2, 0],
-                     rotation[:, 1, 0] - rotation[:, 0, 1]), -1)
+    axis = np.stack(
+        (
+            rotation[:, 2, 1] - rotation[:, 1, 2],
+            rotation[:, 0, 2] - rotation[:, 2, 0],
+            rotation[:, 1, 0] - rotation[:, 0, 1],
+        ),
+        -1,
+    )
     axis = unit(axis)
     k = np.zeros_like(rotation)
     k[:, 0, 1], k[:, 0, 2], k[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]

@@ -58,8 +58,7 @@ class _Plan:
         self.middle = np.zeros(2)
         self.facing = rng.uniform(-np.pi, np.pi)
         self.face = Track(self.facing)
-        self.feet = {side: PlannedFoot(*self._stand(side), heel=_HEEL if side == _REAR else 0.03)
-                     for side in _STAND}
+        self.feet = {side: PlannedFoot(*self._stand(side), heel=_HEEL if side == _REAR else 0.03) for side in _STAND}
         self.weight = Weight(0.52)
         self.hips, self.chest = Track(0.0), Track(0.0)  # turns added to the stance's, left positive
         self.drop, self.lean, self.side = Track(0.0), Track(0.0), Track(0.0)
@@ -75,8 +74,9 @@ class _Plan:
 
     def _next(self):
         rng = self.rng
-        kind = rng.choice(["combination", "move", "duck", "circle", "rest", "feint"],
-                          p=[0.46, 0.19, 0.14, 0.09, 0.05, 0.07])
+        kind = rng.choice(
+            ["combination", "move", "duck", "circle", "rest", "feint"], p=[0.46, 0.19, 0.14, 0.09, 0.05, 0.07]
+        )
         getattr(self, f"_{kind}")()
         self.now += min(rng.exponential(0.16), 0.7)
 
@@ -87,8 +87,14 @@ class _Plan:
         if self.rng.random() < 0.35:
             self._advance(forward_of(self.facing) * self.rng.uniform(0.10, 0.26), quick=True)
         for name in names:
-            {"jab": self._jab, "cross": self._cross, "hook": self._hook, "body": self._body_cross,
-             "uppercut": self._uppercut, "overhand": self._overhand}[name]()
+            {
+                "jab": self._jab,
+                "cross": self._cross,
+                "hook": self._hook,
+                "body": self._body_cross,
+                "uppercut": self._uppercut,
+                "overhand": self._overhand,
+            }[name]()
         if self.rng.random() < 0.30:
             self._duck()
         elif self.rng.random() < 0.35:
@@ -114,8 +120,14 @@ class _Plan:
         size = rng.uniform(0.85, 1.0)
         out = rng.uniform(0.14, 0.19)
         self._turn(t, out, -7 * DEG, -17 * DEG * size, 0.24)
-        self._throw(_LEAD, t + 0.02, out, rng.uniform(0.0, 0.03), rng.uniform(0.18, 0.25),
-                    (rng.normal(0.02, 0.04), 0.98 * ARM * size, rng.normal(0.03, 0.035)))
+        self._throw(
+            _LEAD,
+            t + 0.02,
+            out,
+            rng.uniform(0.0, 0.03),
+            rng.uniform(0.18, 0.25),
+            (rng.normal(0.02, 0.04), 0.98 * ARM * size, rng.normal(0.03, 0.035)),
+        )
         self._dip(t, out, rng.uniform(0.0, 0.03), 0.22)
         self._sway(t, out, 0.60)
         self.now = t + out + rng.uniform(0.10, 0.22)
@@ -126,8 +138,14 @@ class _Plan:
         out = rng.uniform(0.17, 0.22)
         self._turn(t, out, 40 * DEG * size, 24 * DEG * size, 0.30)
         self._pivot(_REAR, t, out + 0.02, 38 * DEG * size, out + 0.16)
-        self._throw(_REAR, t + 0.045, out, rng.uniform(0.0, 0.03), rng.uniform(0.22, 0.30),
-                    (rng.normal(0.06, 0.04), 0.98 * ARM * size, rng.normal(0.03, 0.035)))
+        self._throw(
+            _REAR,
+            t + 0.045,
+            out,
+            rng.uniform(0.0, 0.03),
+            rng.uniform(0.22, 0.30),
+            (rng.normal(0.06, 0.04), 0.98 * ARM * size, rng.normal(0.03, 0.035)),
+        )
         self._dip(t, out, rng.uniform(0.02, 0.045), 0.28)
         self._sway(t, out, 0.70)
         self.lean.move(t, t + out, 9 * DEG)
@@ -157,8 +175,17 @@ class _Plan:
         self._turn(t + load, out, -20 * DEG, -26 * DEG, 0.30)
         self._pivot(_LEAD, t + load, out, -30 * DEG, load + out + 0.16)
         height = rng.normal(0.02, 0.03) - (0.2 if rng.random() < 0.25 else 0.0)
-        self._throw(_LEAD, t + 0.4 * load, load + out, 0.02, 0.28, (-28 * DEG, 0.66 * ARM, height),
-                    come_from=(62 * DEG, 0.60 * ARM, height - 0.05), elbow=(1.0, 0.10, -0.45), turn=0.6)
+        self._throw(
+            _LEAD,
+            t + 0.4 * load,
+            load + out,
+            0.02,
+            0.28,
+            (-28 * DEG, 0.66 * ARM, height),
+            come_from=(62 * DEG, 0.60 * ARM, height - 0.05),
+            elbow=(1.0, 0.10, -0.45),
+            turn=0.6,
+        )
         self._sway(t + load, out, 0.36)
         self._dip(t, load + out, 0.03 + max(0.0, -height) * 0.6, 0.28)
         self.now = t + load + out + rng.uniform(0.18, 0.26)
@@ -168,8 +195,17 @@ class _Plan:
         out = rng.uniform(0.22, 0.27)
         self._turn(t, out, 40 * DEG, 28 * DEG, 0.34)
         self._pivot(_REAR, t, out, 38 * DEG, out + 0.2)
-        self._throw(_REAR, t + 0.03, out, 0.02, 0.30, (22 * DEG, 0.84 * ARM, 0.04),
-                    come_from=(-55 * DEG, 0.62 * ARM, 0.16), elbow=(-1.0, 0.35, -0.3), turn=0.9)
+        self._throw(
+            _REAR,
+            t + 0.03,
+            out,
+            0.02,
+            0.30,
+            (22 * DEG, 0.84 * ARM, 0.04),
+            come_from=(-55 * DEG, 0.62 * ARM, 0.16),
+            elbow=(-1.0, 0.35, -0.3),
+            turn=0.9,
+        )
         self.lean.move(t, t + out, 14 * DEG)
         self.side.move(t, t + out, 10 * DEG)
         self.lean.move(t + out + 0.03, t + out + 0.36, 0.0)
@@ -187,8 +223,17 @@ class _Plan:
         self.side.move(t + load, t + load + out, 0.0)
         self._turn(t + 0.5 * load, out + 0.5 * load, 34 * DEG, 22 * DEG, 0.30)
         self._pivot(_REAR, t + load, out, 32 * DEG, load + out + 0.15)
-        self._throw(_REAR, t + 0.2 * load, 0.8 * load + out, 0.02, 0.27, (12 * DEG, 0.62 * ARM, 0.10),
-                    come_from=(-8 * DEG, 0.52 * ARM, -0.27), elbow=(-0.45, -1.0, -0.35), turn=-0.9)
+        self._throw(
+            _REAR,
+            t + 0.2 * load,
+            0.8 * load + out,
+            0.02,
+            0.27,
+            (12 * DEG, 0.62 * ARM, 0.10),
+            come_from=(-8 * DEG, 0.52 * ARM, -0.27),
+            elbow=(-0.45, -1.0, -0.35),
+            turn=-0.9,
+        )
         self._sway(t + load, out, 0.66)
         self.now = t + load + out + rng.uniform(0.20, 0.26)
 
@@ -300,8 +345,7 @@ class _Plan:
         foot.pivot(start, start + time, yaw + angle, heel=0.12)
         foot.pivot(start + back_after, start + back_after + 0.26, yaw, heel=0.06)
 
-    def _throw(self, side, start, time, hold, back, to, *, come_from=None, size=1.0,
-               elbow=None, turn=1.25):
+    def _throw(self, side, start, time, hold, back, to, *, come_from=None, size=1.0, elbow=None, turn=1.25):
         """Out of the guard to ``to`` (direction from the facing, distance, height) and back."""
         hand = self.hands[side]
         sign = _SIGN[side]
@@ -384,4 +428,3 @@ def _reach(rng, figure: Body, hand: _Hand, away, t, facing, fps):
     turn = smooth(hand.turn(t), 0.02, fps)
     wrist = np.stack([0.10 * (1 - away) + noise(rng, t, 0.04, 0.2, 1.0), 0.05 + 0 * t], -1)
     figure.reach(hand.side, target, elbow, turn, wrist)
-

@@ -111,8 +111,9 @@ class _Plan:
         self.sink, self.tilt, self.twist = Track(0.0), Track(0.0), Track(0.0)
         self.bow, self.side, self.hips, self.gaze = Track(0.0), Track(0.0), Track(0.0), Track(0.0)
         self.energy, self.groove, self.off_beat = Track(0.8), Track(0.02), 0.0
-        self.arms = {side: (Track(_pose(side, "low")), Track(np.array(ARM_POSES["low"][1]) * _mirror(side)))
-                     for side in SIDES}
+        self.arms = {
+            side: (Track(_pose(side, "low")), Track(np.array(ARM_POSES["low"][1]) * _mirror(side))) for side in SIDES
+        }
         self.palm = {side: Track(0.3) for side in SIDES}
         while self.now < until + 2.0:
             self._phrase()
@@ -173,8 +174,12 @@ class _Plan:
         turn += rng.normal(0, 6 * DEG) + self._homeward(rng)
         facing = self.facing + turn
         out = step.out if abs(step.out) < 0.25 else step.out * size
-        place = (self.feet[stand].place.last + sign * out * left_of(facing)
-                 + step.ahead * size * forward_of(facing) + rng.normal(0, 0.012, 2))
+        place = (
+            self.feet[stand].place.last
+            + sign * out * left_of(facing)
+            + step.ahead * size * forward_of(facing)
+            + rng.normal(0, 0.012, 2)
+        )
         here = self.feet[free].place.last
         far, most = float(np.linalg.norm(place - here)), 2.3 * time  # metres: feet are only so quick
         place = here + (place - here) * min(1.0, most / max(far, 1e-6))
@@ -305,8 +310,9 @@ def dancing(seconds: float, *, fps: float = 30.0, seed: int = 0, tempo: float = 
     oblique = 7 * DEG * (2 * share - 1) + 0.6 * smooth(plan.hips(t), 0.05, fps)
     yaw = smooth(plan.tilt(t), 0.05, fps)
     pelvis = rot_y(facing + yaw) @ rot_x(4 * DEG + 0.3 * bow) @ rot_z(oblique)
-    bend = np.stack([0.8 * bow + 8 * DEG * groove / 0.03 * 0.25 * (1 + nod), side - 0.75 * oblique,
-                     twist - 0.7 * yaw], -1)
+    bend = np.stack(
+        [0.8 * bow + 8 * DEG * groove / 0.03 * 0.25 * (1 + nod), side - 0.75 * oblique, twist - 0.7 * yaw], -1
+    )
     # spotting: in a turn the head comes round a little earlier than the body
     early = smooth(plan.face(t + 0.10), 0.07, fps)
     chest = facing + 0.3 * yaw + twist
@@ -326,8 +332,9 @@ def dancing(seconds: float, *, fps: float = 30.0, seed: int = 0, tempo: float = 
     for name in SIDES:
         wrist, pole = (apply(figure["Chest"], v) for v in hands[name])
         palm = smooth(plan.palm[name](t), 0.08, fps)
-        figure.reach(name, figure.position(f"{name}Arm") + ARM * wrist, pole, palm,
-                     _trailing(figure, name, hands[name][0], fps))
+        figure.reach(
+            name, figure.position(f"{name}Arm") + ARM * wrist, pole, palm, _trailing(figure, name, hands[name][0], fps)
+        )
     return figure.motion("dancing")
 
 

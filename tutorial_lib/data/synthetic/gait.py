@@ -6,7 +6,8 @@ Sources
     thigh; running after Novacheck 1998, "The biomechanics of running". The values below are a few key
     points of those curves, rounded to degrees: an approximation, not a table of measurements.
     Walking cadence: a constant ratio of step length to cadence (Sekiya and Nagasaki 1998, who find about
-    0.0065 m per step/min); 0.0062 here, which suits this body. Running cadence: nearly constant, rising slowly with speed
+    0.0065 m per step/min); 0.0062 here, which suits this body.
+    Running cadence: nearly constant, rising slowly with speed
     (Cavagna et al. 1988). Stance share: Grieve and Gear 1966; Novacheck 1998.
     Rise and sway of the body in walking: Orendurff et al. 2004. Its bounce in running: contact force
     a half sine wave, gravity in flight (Morin et al. 2005). Arm swing: Murray et al. 1967.
@@ -244,8 +245,7 @@ def _locomotion(seconds, speed, path, fps, seed, running):
     margin = int(np.ceil(2.5 / stride.rate * fps))
     wide = (np.arange(n + 2 * margin) - margin) / fps
     s, phase, pace = _progress(rng, way, stride, wide, margin, fps)
-    feet = [_feet(rng, way, stride, wide, s, phase + shift, sign, t)
-            for shift, sign in ((0.0, 1.0), (0.5, -1.0))]
+    feet = [_feet(rng, way, stride, wide, s, phase + shift, sign, t) for shift, sign in ((0.0, 1.0), (0.5, -1.0))]
     keep = slice(margin, margin + n)
     s, phase, pace = s[keep], phase[keep], pace[keep]
     figure = _figure(rng, way, stride, t, s, phase, pace, feet, fps)
@@ -351,9 +351,14 @@ def _figure(rng, way, stride, t, s, phase, pace, feet, fps):
     lean = degrees(2.0 + 1.6 * v if run else 1.0 + 1.2 * v) + noise(rng, t, degrees(0.8), 0.05, 0.3)
     counter = degrees(7.5 if run else 3.5) * swing
     chest_yaw = counter * np.cos(w - (0.4 if run else 0.35)) + noise(rng, t, degrees(1.0), 0.05, 0.4)
-    bend = np.stack([lean - tilt + degrees(1.0) * np.cos(2 * w - 1.6),
-                     -0.85 * oblique + noise(rng, t, degrees(0.6), 0.05, 0.4) - 0.15 * bank,
-                     chest_yaw - yaw], -1)
+    bend = np.stack(
+        [
+            lean - tilt + degrees(1.0) * np.cos(2 * w - 1.6),
+            -0.85 * oblique + noise(rng, t, degrees(0.6), 0.05, 0.4) - 0.15 * bank,
+            chest_yaw - yaw,
+        ],
+        -1,
+    )
     ahead = smooth(way.heading(s + 0.7 * v + 0.3), 0.2, fps)
     look = heading + 0.75 * (ahead - heading) + noise(rng, t, degrees(3.0), 0.05, 0.35)
     nod = degrees(3.0) + noise(rng, t, degrees(2.0), 0.05, 0.3) - degrees(1.2) * np.cos(2 * w - 1.0)
@@ -362,8 +367,9 @@ def _figure(rng, way, stride, t, s, phase, pace, feet, fps):
     pose = Pose(root, pelvis, tuple(feet), bend, head, straight=0.992 if run else 0.9985, ankle=0.56)
     for name, sign in (("Left", 1.0), ("Right", -1.0)):
         along = -sign * np.cos(w - 0.35)  # forward with the other leg
-        pose.shoulders[name] = np.stack([degrees(2.0) + degrees(1.0) * np.cos(2 * w - 1),
-                                         degrees(3.0) * swing * along], -1)
+        pose.shoulders[name] = np.stack(
+            [degrees(2.0) + degrees(1.0) * np.cos(2 * w - 1), degrees(3.0) * swing * along], -1
+        )
     figure = Body(pose, fps)
     even = rng.normal(0, 0.08)  # the arms never swing quite alike
     for name, sign in (("Left", 1.0), ("Right", -1.0)):

@@ -24,8 +24,9 @@ class GroundPath:
         if self._closed:
             points = points[:-1]
             pad = int(4 * rounding / _STEP) + 2
-            wrapped = np.concatenate([points[np.arange(-pad, 0) % len(points)], points,
-                                      points[np.arange(pad) % len(points)]])
+            wrapped = np.concatenate(
+                [points[np.arange(-pad, 0) % len(points)], points, points[np.arange(pad) % len(points)]]
+            )
             points = smooth(wrapped, rounding, 1 / _STEP)[pad:-pad]
             points = np.concatenate([points, points[:1]])
         else:

@@ -6,8 +6,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 
-def noise(rng: np.random.Generator, t: np.ndarray, sd: float, low: float = 0.05, high: float = 0.6,
-          waves: int = 6) -> np.ndarray:
+def noise(
+    rng: np.random.Generator, t: np.ndarray, sd: float, low: float = 0.05, high: float = 0.6, waves: int = 6
+) -> np.ndarray:
     """A smooth random signal over the times ``t`` (T,) in seconds, with standard deviation ``sd``.
 
     A sum of sine waves with random phases, their frequencies between ``low`` and ``high`` hertz.
@@ -37,8 +38,9 @@ def smooth(signal: np.ndarray, seconds: float, fps: float) -> np.ndarray:
 def smooth_above(signal: np.ndarray, seconds: float, fps: float) -> np.ndarray:
     """A smooth signal (T,) that is nowhere below the given one: its moving maximum, blurred within reach."""
     reach = max(1, int(round(2.5 * seconds * fps)))
-    return gaussian_filter1d(maximum_filter1d(signal, 2 * reach + 1, mode="nearest"), reach / 2.5,
-                             truncate=2.5, mode="nearest")
+    return gaussian_filter1d(
+        maximum_filter1d(signal, 2 * reach + 1, mode="nearest"), reach / 2.5, truncate=2.5, mode="nearest"
+    )
 
 
 class Track:

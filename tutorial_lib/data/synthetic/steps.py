@@ -22,8 +22,9 @@ class PlannedFoot:
         """The time from which this foot may move again."""
         return self._steps[-1][1] if self._steps else -np.inf
 
-    def step(self, start: float, end: float, place: np.ndarray, yaw: float, lift: float = 0.05,
-             roll: float = 0.35) -> None:
+    def step(
+        self, start: float, end: float, place: np.ndarray, yaw: float, lift: float = 0.05, roll: float = 0.35
+    ) -> None:
         """Carry the foot; lift: metres at the top; roll: radians that the toes hang while it leaves."""
         start = max(start, self.free_from() + 0.02)
         end = max(end, start + 0.12)
@@ -67,8 +68,10 @@ class Weight:
 
     def under(self, t: np.ndarray, left: Foot, right: Foot, fps: float, lag: float = 0.09) -> np.ndarray:
         """x and z (T, 2) under the pelvis: between the feet's middles, by weight, smooth in time."""
-        middles = [foot.base[:, ::2] - 0.55 * body.BALL[2] * np.stack([np.sin(foot.yaw), np.cos(foot.yaw)], -1)
-                   for foot in (left, right)]
+        middles = [
+            foot.base[:, ::2] - 0.55 * body.BALL[2] * np.stack([np.sin(foot.yaw), np.cos(foot.yaw)], -1)
+            for foot in (left, right)
+        ]
         share = self.share(t)[:, None]
         return smooth(share * middles[0] + (1 - share) * middles[1], lag, fps)
 
@@ -81,5 +84,3 @@ def forward_of(yaw: float | np.ndarray) -> np.ndarray:
 def left_of(yaw: float | np.ndarray) -> np.ndarray:
     """The unit vector (..., 2), x and z, to the left of ``yaw``."""
     return np.stack([np.cos(yaw), -np.sin(yaw)], -1)
-
-
