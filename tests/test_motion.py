@@ -184,3 +184,22 @@ def test_bones_take_their_mean_length(small_motion):
     assert np.allclose(got.skeleton.bone_lengths, 1.1 * m.skeleton.bone_lengths)
     assert np.array_equal(got.positions, m.positions)
     assert with_rotations(small_motion) is small_motion
+
+
+def test_settled_undoes_a_drift_and_keeps_a_jump(small_motion):
+    m = small_motion.translate([0, 2, 0])
+    jump = np.zeros(len(m))
+    jump[20:26] = 0.3
+    frames = np.arange(len(m))
+    still = np.repeat(m.positions[:1], len(m), axis=0)
+
+    def moved(height):
+        return Motion(m.skeleton, 30, still + height[:, None, None] * np.array([0.0, 1.0, 0.0]))
+
+    lowest = moved(jump).settled().positions[:, :, 1].min(1)
+    assert np.allclose(lowest, jump)
+    lowest = moved(jump - 0.002 * frames).settled(0.5).positions[:, :, 1].min(1)
+    assert np.abs(lowest - jump).max() < 0.03  # half a second of the drift
+    assert np.array_equal(moved(jump).settled().positions[..., [0, 2]], still[..., [0, 2]])
+    with pytest.raises(MotionError, match="above zero"):
+        m.settled(0)

@@ -167,6 +167,21 @@ class Motion:
         """
         return self.translate((0.0, -float(np.quantile(self.positions[:, :, 1].min(1), 0.01)), 0.0))
 
+    def settled(self, seconds: float = 1.0) -> Motion:
+        """Moved up and down in time so that within any ``seconds`` the lowest node touches the ground, y = 0.
+
+        For generated motion whose height is added up from displacements, and drifts. Jumps and steps that are
+        shorter than ``seconds`` stay as they are.
+        """
+        from scipy.ndimage import minimum_filter1d, uniform_filter1d
+
+        if not (np.isfinite(seconds) and seconds > 0):
+            raise MotionError(f"settle over {seconds} seconds: expected a number above zero")
+        size = max(1, round(seconds * self.fps))
+        lowest = minimum_filter1d(self.positions[:, :, 1].min(1), size, mode="nearest")
+        ground = uniform_filter1d(lowest, size, mode="nearest")
+        return self._with(positions=self.positions - ground[:, None, None] * np.array([0.0, 1.0, 0.0]))
+
     def without_end_sites(self) -> Motion:
         """Without the nodes that only mark the ends of bones."""
         keep = list(self.skeleton.joints)
