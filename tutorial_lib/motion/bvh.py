@@ -376,8 +376,8 @@ def write_bvh(motion: Motion, path: str | os.PathLike, *, unit: str = "cm", deci
     (by more than 0.01 mm). Without (a network gave positions alone) rotations are recovered bone by bone first,
     by the smallest turn from how the parent is turned: *no twist about a bone's own axis*
     (``ik.rotations_from_positions``). Bones then have the length that they have on average, and position channels
-    where they change, so that every node is just where it was given. An End Site has no channels in a BVH file: one
-    that moves is written as a joint. A last joint without one gets an end site of length zero, which programs expect.
+    where they change, so that the joints are just where they were given. An End Site has no channels in a BVH file:
+    it stays at its average distance. A last joint without one gets an end site of length zero, which programs expect.
     unit: the unit of length in the file, centimetres as nearly all programs expect.
     Raises ``MotionError`` for an unknown unit and where the file cannot be written.
     """
@@ -391,10 +391,8 @@ def write_bvh(motion: Motion, path: str | os.PathLike, *, unit: str = "cm", deci
     moves = np.abs(translations - skeleton.offsets).max((0, 2)) > 1e-5
     moves[0] = True
 
-    ends = {j for j in skeleton.end_sites if not moves[j]}
-
     lines, columns = ["HIERARCHY"], []
-    _write_hierarchy(skeleton, scale, decimals, moves, ends, lines, columns)
+    _write_hierarchy(skeleton, scale, decimals, moves, lines, columns)
     lines += ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {1.0 / motion.fps:.10g}"]
     blocks = []
     for j in columns:
@@ -410,7 +408,7 @@ def write_bvh(motion: Motion, path: str | os.PathLike, *, unit: str = "cm", deci
         raise MotionError(f"{path}: cannot be written ({error.strerror})") from None
 
 
-def _write_hierarchy(skeleton, scale, decimals, moves, ends, lines, columns):
+def _write_hierarchy(skeleton, scale, decimals, moves, lines, columns):
     """Depth first, as the rows have the channels; without recursion, for a chain may have any length."""
     names = _safe_names(skeleton.names)
     todo: list[tuple[int, int] | str] = [(0, 0)]
@@ -422,7 +420,7 @@ def _write_hierarchy(skeleton, scale, decimals, moves, ends, lines, columns):
         j, depth = item
         pad = "\t" * depth
         offset = " ".join(f"{x:.{decimals}f}" for x in np.round(skeleton.offsets[j] * scale, decimals) + 0.0)
-        if j in ends:
+        if j in skeleton.end_sites:
             lines += [f"{pad}End Site", f"{pad}{{", f"{pad}\tOFFSET {offset}", f"{pad}}}"]
             continue
         rotation = " ".join(f"{axis}rotation" for axis in skeleton.orders[j])
