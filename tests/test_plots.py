@@ -68,7 +68,8 @@ def test_every_figure_is_a_small_picture_in_a_notebook(small_motion, small_skele
 
 def test_no_pyplot_and_no_backend():
     code = (
-        "import sys, numpy as np; from tutorial_lib.view import curve_plot; curve_plot({'a': np.arange(3)})._repr_png_();"
+        "import sys, numpy as np; from tutorial_lib.view import curve_plot;"
+        "curve_plot({'a': np.arange(3)})._repr_png_();"
         "assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
