@@ -9,7 +9,7 @@ import pickle
 import numpy as np
 import pytest
 import torch
-from safetensors import safe_open
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 
 from tutorial_lib.data.windows import Normalizer
@@ -142,6 +142,25 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path, parts, monkeypatch):
         save_checkpoint(path, **parts)
     assert path.read_bytes() == before and os.listdir(tmp_path) == ["a.safetensors"]
 
+    def says_so_itself(tensors, target, header):
+        raise SafetensorError("Error while serializing: I/O error: No space left on device (os error 28)")
+
+    monkeypatch.setattr("tutorial_lib.training.checkpoints.save_file", says_so_itself)
+    with pytest.raises(CheckpointError, match="a.safetensors: cannot be written .*No space left"):
+        save_checkpoint(path, **parts)
+    assert path.read_bytes() == before and os.listdir(tmp_path) == ["a.safetensors"]
+
+
+def test_weights_do_not_hang_on_the_file(tmp_path, parts):
+    """A file that stays mapped cannot be replaced on Windows, and takes the weights with it when overwritten."""
+    path = tmp_path / "a.safetensors"
+    save_checkpoint(path, **parts)
+    checkpoint = load_checkpoint(path)
+    before = {name: value.clone() for name, value in checkpoint.model.state_dict().items()}
+    path.write_bytes(bytes(path.stat().st_size))
+    assert all(torch.equal(value, before[name]) for name, value in checkpoint.model.state_dict().items())
+    assert torch.equal(checkpoint.normalizer.mean, parts["normalizer"].mean)
+
 
 # --- what is no checkpoint ------------------------------------------------------------------------
 
@@ -209,6 +228,8 @@ def test_truncated(tmp_path, parts, keep):
         ({"model": '{"dim": 21, "hidden": 8, "layers": 2, "width": 1}'}, "header is damaged.*width"),
         ({"model": '{"dim": 21, "hidden": "8", "layers": 2}'}, "hidden must be a whole number"),
         ({"model": "[]"}, "header is damaged"),
+        ({"model": "[" * 100_000}, "header's model is no JSON"),
+        ({"model": '{"dim": 21, "hidden": 100000000000, "layers": 2}'}, "header is damaged"),
         ({"representation": '{"name": "positions"}'}, "header is damaged.*fps"),
         ({"representation": '{"name": "cube", "fps": 30, "skeleton": {}}'}, "header is damaged"),
         ({"model": '{"dim": 21, "hidden": 9, "layers": 2}'}, r"have shape \(32, 21\), expected \(36, 21\)"),

@@ -13,11 +13,14 @@ import pytest
 import torch
 from torch import nn
 
+from tutorial_lib import metrics
+from tutorial_lib.data.synthetic import sample_skeleton
 from tutorial_lib.data.windows import Normalizer
 from tutorial_lib.errors import CheckpointError, DataError, MotionError, TutorialError
 from tutorial_lib.evaluate import evaluate, summary, unseen
 from tutorial_lib.generate import choose_windows, generate, generate_features, prepare, stream, synthesize
 from tutorial_lib.motion import Motion, Skeleton
+from tutorial_lib.motion.clip import settled_positions
 from tutorial_lib.representations import make_representation
 from tutorial_lib.training.checkpoints import Checkpoint
 from tutorial_lib.training.systems import make_system
@@ -278,6 +281,26 @@ def test_evaluation_sees_a_body_that_grows(small_skeleton, small_motion):
     assert result["freezing"]["count"] == 0
     assert result["motion_change"]["at"]["40"] == pytest.approx(math.sqrt(21), rel=1e-4)
     assert result["bone_drift"]["generated"] > 1.0
+
+
+def test_evaluation_finds_the_feet_of_a_body_that_sinks():
+    """A walker carried over the floor at 0.3 m/s slides by that; sinking 1 cm/s meanwhile does not hide it."""
+    skeleton = sample_skeleton()
+    seconds = np.arange(300)[:, None, None] / 30
+
+    def standing(forward, down):
+        return Motion(skeleton, 30.0, skeleton.rest_pose() + [0, 1, 0] + seconds * np.array([forward, down, 0.0]))
+
+    sliding, sinking = standing(0.3, 0.0), standing(0.3, -0.01)
+    for motion in (sliding, sinking):
+        model = Repeating(3 * skeleton.n_joints)
+        still = standing(0.0, 0.0)
+        shaken = Motion(skeleton, 30.0, still.positions + 0.01 * np.sin(20 * seconds))  # something to be compared with
+        result = evaluate(checkpoint_for(motion, model), [motion, shaken], count=2, frames=60, seed=3)
+        assert 0 < result["foot_skate"]["true"] < 40 and np.isfinite(result["foot_skate"]["generated"])
+    assert metrics.foot_skate(settled_positions(sinking.positions, 30), metrics.foot_joints(skeleton), 30) == (
+        pytest.approx(30.0, rel=1e-3)
+    )
 
 
 def test_evaluation_refuses_clips_that_are_too_short(small_motion):

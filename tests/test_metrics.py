@@ -95,7 +95,7 @@ def test_freezing_time():
         close(found, [3.0, np.inf, np.inf, np.inf])
         close(metrics.freezing_time(c, 1.0, 10.0, fraction=0.1), [3.0, np.inf, 3.0, np.inf])
         close(metrics.freezing_time(c, 1.0, 10.0, fraction=0.1, seconds=0.5), [3.0, 1.0, 3.0, np.inf])
-        close(metrics.freezing_time(c[0], np.float64(1.0), 10.0), 3.0)
+        close(metrics.freezing_time(c[0], np.float64(1.0), np.float64(10.0)), 3.0)
         assert metrics.freezing_time(c, 0.05, 10.0)[0] == np.inf  # a slow truth
     with pytest.raises(TutorialError, match="100 .* at least 200 .* 20 s"):
         metrics.freezing_time(change, 1.0, 10.0, seconds=20)
@@ -173,6 +173,13 @@ def test_a_swinging_foot_near_the_ground_does_not_slide():
     close(metrics.foot_skate(fast, [0], 20.0, speed=3.0), 200)
     with pytest.raises(TutorialError, match="T >= 2"):
         metrics.foot_skate(fast[:1], [0], 20.0)
+
+
+def test_feet_that_are_nowhere_do_not_count_as_standing_still():
+    for p in both(np.stack([stepping(0.15), stepping(0.15), stepping(0.15)])):
+        p[1, 70:] = np.nan
+        p[2, 5, 1, 1] = np.inf
+        close(metrics.foot_skate(p, [1], 20.0), [15.0, np.nan, np.nan])
 
 
 def test_foot_joints_by_name():

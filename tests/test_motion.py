@@ -91,6 +91,9 @@ def test_moving_and_scaling(small_motion):
     assert m.height == pytest.approx(1.54)
     assert np.allclose(m.positions, small_motion.positions * 1.54 / small_motion.height)
     assert np.allclose(m.skeleton.fk(m.rotations, m.positions[:, 0]), m.positions)
+    for bad in (1.0, (1, 2), np.zeros((50, 3))):
+        with pytest.raises(MotionError, match=r"expected \(x, y, z\)"):
+            small_motion.translate(bad)
     for bad in (0, -1, np.nan, np.inf):
         with pytest.raises(MotionError):
             small_motion.scaled(bad)
@@ -138,6 +141,12 @@ def test_what_is_no_motion(fps, positions, rotations, told):
     with pytest.raises(MotionError, match=told) as caught:
         Motion(ONE, fps, positions, rotations, "x")
     assert "\n" not in str(caught.value)
+
+
+def test_rotations_and_root_positions_of_different_lengths(small_motion):
+    m = small_motion
+    with pytest.raises(MotionError, match=r"\(5, 7, 4\) with root positions of shape \(50, 3\)"):
+        Motion.from_rotations(m.skeleton, 30, m.positions[:, 0], m.rotations[:5])
 
 
 # -- rotations from positions --------------------------------------------------------------------------------
@@ -200,6 +209,10 @@ def test_settled_undoes_a_drift_and_keeps_a_jump(small_motion):
     assert np.allclose(lowest, jump)
     lowest = moved(jump - 0.002 * frames).settled(0.5).positions[:, :, 1].min(1)
     assert np.abs(lowest - jump).max() < 0.03  # half a second of the drift
+    for drift in (-0.014, 0.01):  # metres a frame, as a network that stands still may drift
+        assert np.abs(moved(drift * frames).settled(0.5).positions[:, :, 1].min(1)[8:-8]).max() < 1e-9
     assert np.array_equal(moved(jump).settled().positions[..., [0, 2]], still[..., [0, 2]])
+    for seconds in (0.2, 0.5, 1.0):  # a fall by a metre, over even and odd numbers of frames: never into the ground
+        assert moved((frames < 20) * 1.0).settled(seconds).positions[:, :, 1].min() > -1e-9
     with pytest.raises(MotionError, match="above zero"):
         m.settled(0)

@@ -29,6 +29,8 @@ def test_curves_hold_the_numbers_and_differ_without_colour():
     assert figure.axes[0].get_xlabel() == "time" and figure.axes[0].get_ylim()[0] <= 0
     with pytest.raises(TutorialError, match="no curves"):
         curve_plot({})
+    with pytest.raises(TutorialError, match="'a' of 5 values over 3"):
+        curve_plot(curves, x=[1, 2, 3])
 
 
 def test_motion_change_is_smoothed_and_compared_with_the_truth():
@@ -36,6 +38,10 @@ def test_motion_change_is_smoothed_and_compared_with_the_truth():
     figure = motion_change_plot({"x": change}, truth=2.0, smooth=10)
     drawn = line(figure, "x").get_ydata()
     assert drawn[0] == 0 and drawn[-1] == 1 and 0 < drawn[45] < 1
+    at = line(figure, "x").get_xdata()  # half way up where the step is, between 49 and 50
+    assert len(at) == len(drawn) and np.interp(0.5, drawn[38:52], at[38:52]) == pytest.approx(49.5)
+    two = motion_change_plot({"long": change, "short": change[:60]}, smooth=15)
+    assert line(two, "short").get_xdata()[[0, -1]].tolist() == [7, 52]
     assert any(np.allclose(other.get_ydata(), 2.0) for other in figure.axes[0].get_lines())
     assert figure.axes[0].get_ylim()[1] >= 2.5
 

@@ -63,6 +63,14 @@ def test_three_joints_by_hand(arm):
     assert np.allclose(arm.fk(np.array([ABOUT_X, ABOUT_Z, ABOUT_X]), root), rolled)
 
 
+def test_translations_broadcast_to_the_rotations(small_motion):
+    m = small_motion
+    translations, turned = m.translations(), m.rotations[:, ::-1]
+    found = m.skeleton.fk(np.stack([m.rotations, turned]), m.positions[:, 0], translations)
+    for one, rotations in zip(found, (m.rotations, turned), strict=True):
+        assert np.allclose(one, m.skeleton.fk(rotations, m.positions[:, 0], translations))
+
+
 def test_translations_replace_offsets_but_not_the_roots_place(arm):
     t = np.array([[7.0, 7, 7], [0, 0, 2], [0.5, 0, 0]])
     got = arm.fk(np.array([NONE, ABOUT_Z, NONE]), np.array([0.0, 2, 0]), t)

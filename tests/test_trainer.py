@@ -18,6 +18,8 @@ import torch
 from torch import nn
 
 from tutorial_lib.errors import CheckpointError, TutorialError
+from tutorial_lib.motion import Skeleton
+from tutorial_lib.representations import make_representation
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header
 from tutorial_lib.training.progress import in_notebook, loss_figure
 from tutorial_lib.training.systems import System, make_system, next_frame_loss
@@ -170,6 +172,21 @@ def test_run_goes_on_in_the_same_process(tmp_path):
     assert_same(trainer.model, whole.model)
 
 
+def test_a_callback_may_save_and_generate(tmp_path):
+    whole = make_trainer().run(progress=False)
+
+    def look(trainer):
+        trainer.model.eval()  # as synthesis does
+        if trainer.step == 7:
+            trainer.save()
+            (tmp_path / "7.safetensors").write_bytes(trainer.path.read_bytes())
+
+    assert_same(make_trainer(tmp_path / "x.safetensors").run(progress=False, callback=look).model, whole.model)
+    again = make_trainer(tmp_path / "7.safetensors", seed=99).resume()
+    assert again.step == 7
+    assert_same(again.run(progress=False).model, whole.model)
+
+
 KILLED = """
     import sys
     sys.path[:0] = [{tests!r}, {project!r}]
@@ -212,6 +229,10 @@ def test_resume_of_another_run_is_refused(tmp_path):
         make_trainer(path, settings={"length": 12}, config={"learning_rate": 0.02}).resume()
     with pytest.raises(CheckpointError, match="length 13: it was started with 12"):
         make_trainer(path, settings={"length": 13}).resume()
+    with pytest.raises(CheckpointError, match="another representation or skeleton"):
+        skeleton = Skeleton(("hip",), (-1,), np.zeros((1, 3)))
+        other = make_representation("positions", skeleton, 30.0)
+        make_trainer(path, settings={"length": 12}, representation=other).resume()
     with pytest.raises(CheckpointError, match="no path"):
         make_trainer().resume()
     finished = make_trainer(tmp_path / "done.safetensors").run(progress=False)

@@ -12,7 +12,7 @@ from . import metrics
 from .data.windows import evaluation_windows
 from .errors import DataError, MotionError
 from .generate import SEED_FRAMES, generate_features, prepare_for
-from .motion.clip import Motion
+from .motion.clip import Motion, settled_positions
 from .training.checkpoints import Checkpoint
 
 CHANGE_FRAMES = (15, 60, 150, 300, 600, 900)  # frames after the seed at which motion change is told
@@ -53,8 +53,9 @@ def evaluate(
     - ``prediction_error``: {milliseconds: distance} at 80 ... 640 ms
     - ``motion_change``: ``true`` (mean of the clips) and ``at`` {frame after the seed: mean of the steps up to it}
     - ``freezing``: how many motions froze, and the seconds after which each did (``None``: never)
-    - ``divergence``: the same for leaving the range of human poses
-    - ``foot_skate``: cm/s of standing feet, generated and true; ``None`` for an unknown skeleton
+    - ``divergence``: the same for leaving the range of poses, here that of the clips given
+    - ``foot_skate``: cm/s of standing feet, generated and true, both settled on the ground first; ``None`` for an
+      unknown skeleton
     - ``bone_drift``: mean relative change of the bones' lengths, generated and true
 
     Measures of generated motion that is no longer finite are ``None``.
@@ -86,9 +87,14 @@ def evaluate(
     skeleton = representation.skeleton
     try:
         feet = metrics.foot_joints(skeleton)
+        # a height that drifts would leave most steps out, so all motions are put on the ground first
+        skates = [metrics.foot_skate(settled_positions(x, fps), feet, fps) for x in positions]
+        true_skates = [
+            (metrics.foot_skate(settled_positions(x, fps), feet, fps), len(x)) for x in true_positions if len(x) > 1
+        ]
         skate = {
-            "generated": metrics.foot_skate(positions, feet, fps).mean(),
-            "true": _weighted([(metrics.foot_skate(x, feet, fps), len(x)) for x in true_positions if len(x) > 1]),
+            "generated": np.mean(skates),
+            "true": _weighted(true_skates),
             "unit": "cm/s",
         }
     except MotionError:

@@ -112,7 +112,8 @@ def moving_mean(curve: Array, window: int) -> Array:
 
 
 def _frozen(change: torch.Tensor, true_change: float, fps: float, fraction: float, seconds: float) -> torch.Tensor:
-    frames, true_change = max(1, round(seconds * fps)), float(true_change)
+    fps, true_change = float(fps), float(true_change)
+    frames = max(1, round(float(seconds) * fps))
     if true_change <= 0 or not np.isfinite(true_change):
         raise TutorialError(f"true motion change {true_change}: expected a number above zero")
     if change.shape[-1] < frames:
@@ -151,7 +152,7 @@ def stagnations(
     if change.ndim != 1:
         raise TutorialError(f"motion changes of shape {tuple(change.shape)}: expected one motion, (T,)")
     starts = torch.nonzero(_frozen(change, true_change, fps, fraction, seconds)).flatten().tolist()
-    length, stretches = max(1, round(seconds * fps)), []
+    length, stretches = max(1, round(float(seconds) * float(fps))), []
     for start in starts:
         if stretches and start <= stretches[-1][1]:
             stretches[-1][1] = start + length
@@ -267,12 +268,14 @@ def foot_skate(
     """How fast feet that stand slide: centimetres per second, averaged over all contacts; shape ``(...)``.
 
     ``mean of |horizontal velocity| over the foot nodes and steps in contact`` (``foot_contacts`` has the rule
-    and the arguments). Zero where nothing touches the ground. Real clips do not give zero, feet roll and markers
-    tremble: compare with the real clips' own.
+    and the arguments). Zero where nothing touches the ground, NaN where feet are not at finite places. Real clips
+    do not give zero, feet roll and markers tremble: compare with the real clips' own.
     """
     contact, ground_speed = _feet(positions, feet, fps, standing, height, speed)
     total = torch.where(contact, ground_speed, torch.zeros_like(ground_speed)).sum((-2, -1))
-    return 100.0 * total / contact.sum((-2, -1)).clamp(min=1)
+    skate = 100.0 * total / contact.sum((-2, -1)).clamp(min=1)
+    finite = torch.isfinite(positions[..., [int(f) for f in feet], :]).flatten(-3).all(-1)
+    return torch.where(finite, skate, torch.full_like(skate, float("nan")))  # not 0, as if no foot slid
 
 
 @numpy_or_torch

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 import pooch
 import requests
-from tqdm.auto import tqdm
+from tqdm import tqdm  # not tqdm.auto: a saved notebook would keep its widget as "Loading widget..."
 
 from ..atomic import atomic_write
 from ..errors import DataError

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import pathlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,7 +40,6 @@ class _Joint:
     channels: list[tuple[str, str]] | None = None
     is_end: bool = False
     first: int = 0  # column of its first channel
-    children: int = field(default=0)
 
 
 @dataclass(frozen=True)
@@ -198,7 +197,6 @@ def _take_joint(path, n, key, words, raw, joints, lines_of, open_joints):
         parent = open_joints[-1]
         if joints[parent].is_end:
             raise MotionFileError(path, f"{shown(raw)} inside an End Site, expected OFFSET alone", n)
-        joints[parent].children += 1
     if key == "END":
         if len(words) < 2 or words[1].upper() != "SITE":
             raise MotionFileError(path, f"{shown(raw)}, expected End Site", n)

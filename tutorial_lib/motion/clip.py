@@ -67,9 +67,16 @@ class Motion:
         """From the root's path ``(T, 3)`` and local rotations ``(T, J, 4)``, by forward kinematics.
 
         translations: ``(T, J, 3)`` metres in place of the skeleton's offsets, for bones that change.
+        Raises ``MotionError`` for shapes that do not fit.
         """
         rotations = quat_normalize(np.asarray(rotations, dtype=np.float64))
-        positions = skeleton.fk(rotations, np.asarray(root_positions, dtype=np.float64), translations)
+        root_positions = np.asarray(root_positions, dtype=np.float64)
+        if rotations.ndim != 3 or root_positions.shape != (len(rotations), 3):
+            raise MotionError(
+                f"rotations of shape {rotations.shape} with root positions of shape {root_positions.shape}: "
+                f"expected (T, {skeleton.n_joints}, 4) and (T, 3)"
+            )
+        positions = skeleton.fk(rotations, root_positions, translations)
         return cls(skeleton, fps, positions, rotations, name)
 
     # -- size --------------------------------------------------------------------------------------------
@@ -145,7 +152,10 @@ class Motion:
 
     def translate(self, offset: Sequence[float]) -> Motion:
         """Moved by ``offset`` ``(3,)`` metres."""
-        return self._with(positions=self.positions + np.asarray(offset, dtype=np.float64))
+        offset = np.asarray(offset, dtype=np.float64)
+        if offset.shape != (3,):
+            raise MotionError(f"translate by an offset of shape {offset.shape}: expected (x, y, z) in metres")
+        return self._with(positions=self.positions + offset)
 
     def scaled(self, factor: float) -> Motion:
         """Every length ``factor`` times as long, the way that is travelled too."""
@@ -168,19 +178,13 @@ class Motion:
         return self.translate((0.0, -float(np.quantile(self.positions[:, :, 1].min(1), 0.01)), 0.0))
 
     def settled(self, seconds: float = 1.0) -> Motion:
-        """Moved up and down in time so that within any ``seconds`` the lowest node touches the ground, y = 0.
+        """Moved up and down in time so that the lowest node stays on the ground, y = 0, but for jumps.
 
-        For generated motion whose height is added up from displacements, and drifts. Jumps and steps that are
-        shorter than ``seconds`` stay as they are.
+        For generated motion whose height is added up from displacements, and drifts. What rises and comes down
+        again within ``seconds`` is a jump and stays; a slower change of height is drift and goes. Nothing ends
+        below the ground.
         """
-        from scipy.ndimage import minimum_filter1d, uniform_filter1d
-
-        if not (np.isfinite(seconds) and seconds > 0):
-            raise MotionError(f"settle over {seconds} seconds: expected a number above zero")
-        size = max(1, round(seconds * self.fps))
-        lowest = minimum_filter1d(self.positions[:, :, 1].min(1), size, mode="nearest")
-        ground = uniform_filter1d(lowest, size, mode="nearest")
-        return self._with(positions=self.positions - ground[:, None, None] * np.array([0.0, 1.0, 0.0]))
+        return self._with(positions=settled_positions(self.positions, self.fps, seconds))
 
     def without_end_sites(self) -> Motion:
         """Without the nodes that only mark the ends of bones."""
@@ -227,3 +231,14 @@ def _read_only(array: np.ndarray) -> np.ndarray:
         array = array.astype(np.float64)
         array.setflags(write=False)
     return array
+
+
+def settled_positions(positions: np.ndarray, fps: float, seconds: float = 1.0) -> np.ndarray:
+    """``Motion.settled`` for an array ``(T, J, 3)``; what is not finite stays so, and spoils the frames about it."""
+    from scipy.ndimage import grey_opening
+
+    if not (np.isfinite(seconds) and seconds > 0):
+        raise MotionError(f"settle over {seconds} seconds: expected a number above zero")
+    # the opening cuts off peaks narrower than the window and follows everything else, from below
+    ground = grey_opening(positions[:, :, 1].min(1), size=round(seconds * fps) | 1, mode="nearest")
+    return positions - ground[:, None, None] * np.array([0.0, 1.0, 0.0])

@@ -119,7 +119,8 @@ class Skeleton:
 
         rotations: ``(..., J, 4)`` local unit quaternions; root_positions: ``(..., 3)`` metres;
         translations: ``(..., J, 3)`` metres in place of the offsets where bones change (the root's is ignored).
-        Returns ``(..., J, 3)`` metres. numpy or torch, differentiable, any leading axes.
+        Returns ``(..., J, 3)`` metres. numpy or torch, differentiable, any leading axes: those of the rotations,
+        to which the others broadcast. Raises ``MotionError`` where the last axes do not fit the skeleton.
 
         For a node j with parent p, world rotation ``W`` and position ``x``:
         ``W_j = W_p R_j`` and ``x_j = x_p + W_p t_j``, one depth of the tree at a time.
@@ -136,6 +137,8 @@ class Skeleton:
             translations = torch.as_tensor(self.offsets.copy(), dtype=rotations.dtype, device=rotations.device)
         # joints first, each component apart, so that a depth of the tree is a few products of whole arrays
         batch = rotations.shape[:-2]
+        if translations.ndim > 2:
+            translations = translations.expand(*batch, self.n_joints, 3)
         q = rotations.reshape(-1, self.n_joints, 4).permute(2, 1, 0)
         t = translations.reshape(-1, self.n_joints, 3).permute(2, 1, 0)
         x = root_positions.expand(*batch, 3).reshape(-1, 3).t()

@@ -19,7 +19,7 @@ LONGEST_LINE = 1_000_000  # characters; a row of 500 joints' channels has fewer 
 
 @dataclass(frozen=True)
 class Text:
-    """A file's text, and its lines without their ends."""
+    """A text file's lines, without their ends."""
 
     lines: list[str]
 

@@ -112,6 +112,7 @@ def save_checkpoint(
     or (T, D) features in the representation, not normalised. ``state`` is a nested dict of tensors, arrays
     and plain values to resume from. ``half`` stores the weights as float16 (they load as float32 again),
     for files that are passed on; the normaliser and the seed stay as they are.
+    Raises ``CheckpointError`` where the file cannot be written whole (a full disk), ``OSError`` where not begun.
     """
     tensors = {
         f"model.{name}": value.half() if half and value.is_floating_point() else value
@@ -135,7 +136,10 @@ def save_checkpoint(
     metadata["format_version"] = FORMAT_VERSION
     tensors = {name: value.detach().to("cpu").contiguous() for name, value in tensors.items()}
     with atomic_write(path) as temporary:
-        save_file(tensors, temporary, metadata)
+        try:
+            save_file(tensors, temporary, metadata)
+        except SafetensorError as error:
+            raise CheckpointError(f"{path}: cannot be written ({_one_line(error)})") from None
 
 
 def load_checkpoint(path: str | os.PathLike, *, device: str | torch.device = "cpu") -> Checkpoint:
@@ -156,7 +160,8 @@ def load_checkpoint(path: str | os.PathLike, *, device: str | torch.device = "cp
         raise CheckpointError(f"{path}: {error}") from None
     except KeyError as error:
         raise CheckpointError(f"{path}: the header lacks {error}") from None
-    except (TutorialError, TypeError, ValueError, AttributeError, IndexError) as error:
+    except (TutorialError, TypeError, ValueError, AttributeError, IndexError, RuntimeError) as error:
+        # RuntimeError: sizes past counting
         raise CheckpointError(f"{path}: the header is damaged ({_one_line(error)})") from None
 
     weights = {n.removeprefix("model."): t for n, t in tensors.items() if n.startswith("model.")}
@@ -226,7 +231,8 @@ def _read(
             if with_tensors:
                 for name in file.keys():  # noqa: SIM118 (not a dict)
                     if with_state or not name.startswith("state."):
-                        tensors[name] = file.get_tensor(name)
+                        # a copy: the tensor lies in the mapped file, which Windows then lets nobody replace
+                        tensors[name] = file.get_tensor(name).clone()
     except SafetensorError as error:
         raise CheckpointError(f"{path}: not a checkpoint, or one that is cut off ({_one_line(error)})") from None
     version = metadata.get("format_version")
@@ -240,7 +246,7 @@ def _read(
             continue
         try:
             header[name] = json.loads(text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise CheckpointError(f"{path}: the header's {name} is no JSON ({_one_line(error)})") from None
     return header, tensors
 

@@ -125,7 +125,7 @@ class Trainer:
         self.path = None if path is None else pathlib.Path(path)
         self.device = usable_device(device)
         self.save_seconds = save_seconds
-        self.settings = dict(settings or {})
+        self.settings = {**system.options, **(settings or {})}
         self.step = 0  # steps done
         self.history: dict[str, list[float]] = {"loss": []}  # and the loss's named terms
         self.seconds = 0.0  # spent in training, over all runs
@@ -207,7 +207,9 @@ class Trainer:
                     bar.update(loss=shown)
                     plot.update(self.history["loss"])
                     if callback is not None:
+                        self._remember_global_rng()  # it may save
                         callback(self)
+                        self.model.train()  # it may have generated something
                     if max_seconds is not None and now - start >= max_seconds:
                         break
                     if not self.finished and now - last_save >= self.save_seconds:
@@ -325,6 +327,9 @@ class Trainer:
             **dataclasses.asdict(self.config),
         }
         theirs = {"system": header["system"], **header.get("model", {}), **training}
+        features = None if self._representation is None else self._representation.config()
+        if header.get("representation") != features:
+            raise CheckpointError(f"{path}: cannot be resumed with features of another representation or skeleton")
         for name, value in mine.items():
             if _plain(theirs.get(name)) != _plain(value):
                 raise CheckpointError(

@@ -30,13 +30,18 @@ def curve_plot(
     log: bool = False,
     size: tuple[float, float] = (7.5, 3.4),
 ) -> NotebookFigure:
-    """Curves ``{label: (N,)}`` over ``x`` (None: 0, 1, 2 ...), with a legend beside them, not over them."""
+    """Curves ``{label: (N,)}`` over ``x`` (None: 0, 1, 2 ...), with a legend beside them, not over them.
+
+    A shorter curve than ``x`` ends earlier. Raises ``TutorialError`` for no curves, or an ``x`` that is too short.
+    """
     if not curves:
         raise TutorialError("curve_plot: no curves, expected at least one")
     figure, axes = _axes(size, title, xlabel, ylabel)
     for i, (label, values) in enumerate(curves.items()):
         values = np.asarray(values, dtype=float)
-        at = np.arange(len(values)) if x is None else np.asarray(x, dtype=float)
+        at = np.arange(len(values)) if x is None else np.asarray(x, dtype=float)[: len(values)]
+        if len(at) < len(values):
+            raise TutorialError(f"curve_plot: curve {label!r} of {len(values)} values over {len(at)} places")
         style = {"color": palette.color(i), "linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.8}
         axes.plot(at, values, label=label, **style)
     if log:
@@ -53,10 +58,13 @@ def motion_change_plot(
     """acRNN, figure 2: how far a generated frame is from the one before it, over the frames since the seed.
 
     changes: ``{label: (N,)}`` as ``metrics.motion_change`` gives them; drawn as running means over ``smooth``
-    frames. truth: what it is in real motion, a dotted line.
+    frames, each at the middle of its frames. truth: what it is in real motion, a dotted line.
     """
     smoothed = {label: moving_mean(np.asarray(c, dtype=float), smooth) for label, c in changes.items()}
-    figure = curve_plot(smoothed, xlabel="frames after the seed", ylabel="motion change per frame", title=title)
+    middles = np.arange(max(map(len, smoothed.values()), default=0)) + (smooth - 1) / 2
+    figure = curve_plot(
+        smoothed, x=middles, xlabel="frames after the seed", ylabel="motion change per frame", title=title
+    )
     if truth is not None:
         axes = figure.axes[0]
         axes.axhline(truth, color=palette.GREY, linewidth=1.2, linestyle=(0, (1, 2)))

@@ -45,7 +45,6 @@ BALL = np.array([0.0, -0.027, 0.080]) * HEIGHT  # from the ankle
 HEEL = np.array([0.0, -0.039, -0.033]) * HEIGHT  # from the ankle: the point that strikes the ground
 THIGH, SHANK = 0.245 * HEIGHT, 0.246 * HEIGHT
 UPPER_ARM, FOREARM = 0.172 * HEIGHT, 0.146 * HEIGHT
-HIP_WIDTH = 0.052 * HEIGHT  # from the middle to one hip joint
 HIP_DROP = 0.029 * HEIGHT
 LEG = THIGH + SHANK
 
