@@ -174,6 +174,13 @@ def test_own_folder_that_is_not_there(monkeypatch, tmp_path):
         data.listing(cache=tmp_path)
 
 
+def test_own_folder_that_is_a_file(monkeypatch, tmp_path):
+    write_stick(tmp_path / "clip.bvh")
+    monkeypatch.setenv("TUTORIAL_DATA", str(tmp_path / "clip.bvh"))
+    with pytest.raises(DataError, match=r"TUTORIAL_DATA=.*clip\.bvh is a file, expected a folder"):
+        data.load("samples/walking")
+
+
 def test_relative_own_folder_from_here_and_else_from_the_project(tmp_path, monkeypatch, samples):
     project, notebooks = tmp_path / "project", tmp_path / "project/notebooks"
     notebooks.mkdir(parents=True)
@@ -200,7 +207,7 @@ def test_offline_error_names_command_and_own_folder(own, tmp_path):
     with pytest.raises(NotAtHand) as error:
         data.load("cmu/martial", cache=tmp_path)
     assert str(error.value) == (
-        "cmu/martial is not at hand: TUTORIAL_OFFLINE is set; "
+        "cmu/martial is not at hand: no folder cmu/martial in TUTORIAL_DATA, and TUTORIAL_OFFLINE is set; "
         "run `python -m tutorial_lib data fetch cmu/martial` later, "
         f"or put motion files into {own}/cmu/martial"
     )
@@ -222,6 +229,17 @@ def test_load_samples_sorted_named_and_in_metres(samples, monkeypatch):
     motions = data.load("samples/walking")
     assert [m.name for m in motions] == ["samples/walking/01", "samples/walking/02"]
     np.testing.assert_allclose(motions[1].positions[0], [[0.02, 0.9, 0], [0.02, 1.7, 0], [0.02, 2.5, 0]], atol=1e-9)
+
+
+def test_a_file_by_its_path_is_the_clip_of_the_set(own, tmp_path):
+    """An end site that lies in its joint is left out either way: Hips and Head remain."""
+    path = own / "cmu/boxing/1.bvh"
+    write_stick(path)
+    path.write_text(path.read_text().replace("      OFFSET 0 80 0", "      OFFSET 0 0 0"))
+    (named,) = data.load("cmu/boxing", cache=tmp_path)
+    clip = catalog.read_clip(path)
+    assert clip.skeleton.names == ("Hips", "Head") and clip.skeleton == named.skeleton
+    assert np.array_equal(clip.positions, named.positions)
 
 
 def test_limit_and_fps(samples, monkeypatch):
@@ -257,8 +275,15 @@ def test_load_first_says_why_not_an_earlier_one(own, samples, tmp_path, capsys):
     out = capsys.readouterr().out
     assert out == (
         "Data: samples/walking, 1 clips, 0 s, from data_samples "
-        "(not cmu/boxing: TUTORIAL_OFFLINE is set; not cmu/martial: TUTORIAL_OFFLINE is set).\n"
+        "(not cmu/boxing: no folder cmu/boxing in TUTORIAL_DATA, and TUTORIAL_OFFLINE is set; "
+        "not cmu/martial: no folder cmu/martial in TUTORIAL_DATA, and TUTORIAL_OFFLINE is set).\n"
     )
+
+
+def test_load_first_without_own_data_does_not_speak_of_it(own, samples, tmp_path, capsys, monkeypatch):
+    monkeypatch.delenv("TUTORIAL_DATA")
+    data.load_first("cmu/boxing", "samples/walking", cache=tmp_path)
+    assert "(not cmu/boxing: TUTORIAL_OFFLINE is set)" in capsys.readouterr().out
 
 
 def test_load_first_of_none(own, samples, tmp_path):

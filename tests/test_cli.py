@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import pathlib
+import re
 import signal
 import subprocess
 import sys
@@ -15,7 +17,12 @@ import torch
 
 from tutorial_lib.cli import main
 from tutorial_lib.motion import Motion, Skeleton, read_bvh, write_bvh
+from tutorial_lib.training import rollout_benchmark
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header
+from tutorial_lib.training.conditioning import auto_conditioning
+from tutorial_lib.training.rollout import rollout
+from tutorial_lib.training.systems import make_system
+from tutorial_lib.training.trainer import Trainer
 
 PROJECT = pathlib.Path(__file__).resolve().parents[1]
 FAST = ["--steps", "8", "--hidden", "6", "--layers", "2", "--batch", "4", "--length", "20"]
@@ -284,6 +291,64 @@ def test_resume_starts_what_is_not_there(clips, tmp_path):
     assert load_checkpoint(out).training["steps_done"] == 8
 
 
+@pytest.mark.parametrize(
+    "system, options, kept",
+    [
+        ("aclstm", ["--u", "3", "--v", "2"], {"u": 3, "v": 2}),
+        ("aclstm", [], {"u": 5, "v": 5}),
+        (
+            "scheduled-sampling",
+            ["--probability", "0.3", "--decay", "inverse-sigmoid"],
+            {"probability": 0.3, "decay": "inverse-sigmoid"},
+        ),
+    ],
+)
+def test_other_schedules_are_trained_and_told_in_the_file(system, options, kept, clips, tmp_path, trained, capsys):
+    out = tmp_path / "x.safetensors"
+    assert main(["train", system, "--data", str(clips), "--out", str(out), *FAST, *options]) == 0
+    checkpoint = load_checkpoint(out)
+    assert checkpoint.system == system and kept.items() <= checkpoint.training.items()
+    vanilla = load_checkpoint(trained)  # the same beginning, the same windows, and yet another network
+    assert not torch.equal(checkpoint.model.readout.weight, vanilla.model.readout.weight)
+    assert main(["generate", str(out), "--frames", "5", "-o", str(tmp_path / "made")]) == 0
+    capsys.readouterr()
+    assert main(["info", str(out)]) == 0
+    assert f"{system} (dim 27, hidden 6, layers 2" in capsys.readouterr().out
+
+
+def test_a_schedule_is_resumed_as_it_was(clips, tmp_path, fails, monkeypatch):
+    out = tmp_path / "x.safetensors"
+    command = ["train", "aclstm", "--data", str(clips), "--out", str(out), *FAST]
+    run = Trainer.run
+    monkeypatch.setattr(Trainer, "run", lambda self: run(self, max_seconds=0.0))
+    assert main([*command, "--u", "2"]) == 130
+    monkeypatch.undo()
+    assert "holds a run with u 2, asked for 3; leave --u as it was" in fails(*command, "--resume", "--u", "3")
+    assert "holds a run with system 'aclstm'" in fails("train", "lstm", *command[2:], "--resume")
+    assert main([*command, "--resume"]) == 0
+    training = load_checkpoint(out).training
+    assert training["u"] == 2 and training["v"] == 5 and training["steps_done"] == 8
+
+
+def test_benchmark_of_the_rollout_ends_in_one_line_of_ratios(capsys, monkeypatch):
+    small = rollout_benchmark.time_synthesis
+    monkeypatch.setattr(rollout_benchmark, "time_synthesis", lambda repeats: small(16, frames=5, repeats=repeats))
+    threads = torch.get_num_threads()
+    assert main(["benchmark", "rollout", "--hidden", "8", "--threads", "1", "--repeats", "1"]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    match = re.fullmatch(r"training (\d+\.\d\d)x, synthesis (\d+\.\d\d)x, hidden 8", last)
+    assert match and all(float(ratio) > 0 for ratio in match.groups())
+    assert torch.get_num_threads() == threads
+
+
+def test_benchmark_compares_the_same_computation():
+    model = make_system("aclstm", 4, hidden=6, layers=2).model.double()
+    loop = rollout_benchmark.CellLoop(model).double()
+    x = torch.randn(3, 9, 4, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    fed = auto_conditioning(9, 2, 2)
+    torch.testing.assert_close(loop(x, fed.tolist()), rollout(model, x, fed)[0])
+
+
 # --- what a user can get wrong --------------------------------------------------------------------
 
 
@@ -300,6 +365,13 @@ def test_wrong_training_arguments(clips, tmp_path, fails):
     assert "hips and shoulders" in train("--representation", "hip-frame")
     assert "whole number of 1 or more, not '0'" in train("--steps", "0")
     assert "above 0" in train("--lr", "-1")
+    assert "--u is not for system 'lstm'" in train("--u", "3")
+    assert "--decay is not for system 'aclstm'" in train("--decay", "linear", system="aclstm")
+    assert "whole number of 1 or more, not '0'" in train("--v", "0", system="aclstm")
+    assert "between 0 and 1, not at 1.5" in train("--probability", "1.5", system="scheduled-sampling")
+    assert "exponential decay ends at a probability above 0" in train(
+        "--probability", "0", "--decay", "exponential", system="scheduled-sampling"
+    )
     assert "cannot compute on device 'toaster'" in train("--device", "toaster")
     assert "unrecognized arguments: --hiden" in train("--hiden", "3")
     assert "between 0 and 1" in train("--test-fraction", "1.5")
@@ -309,6 +381,155 @@ def test_wrong_training_arguments(clips, tmp_path, fails):
     empty.mkdir()
     assert "holds no motion file" in train(data=empty)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["empty"]
+
+
+@pytest.mark.parametrize(
+    "command, option, value, bound",
+    [
+        ("train", "--hidden", "16385", "at most 16384"),
+        ("train", "--layers", "65", "at most 64"),
+        ("train", "--batch", "65537", "at most 65536"),
+        ("train", "--length", "100001", "at most 100000"),
+        ("train", "--steps", "1000000001", "at most 1000000000"),
+        ("train", "--seed", str(2**63), f"at most {2**63 - 1}"),
+        ("train", "--fps", "1000.5", "at most 1000"),
+        ("train", "--rates", "2000", "at most 1000"),
+        ("train", "--height", "0.09", "between 0.1 and 10"),
+        ("train", "--height", "154", "between 0.1 and 10"),
+        ("train", "--threads", str(4 * os.cpu_count() + 1), f"at most {min(1024, 4 * os.cpu_count())}"),
+        ("generate", "--frames", "10000001", "at most 10000000"),
+        ("generate", "--count", "1000001", "at most 1000000"),
+        ("generate", "--seed", str(2**64), f"at most {2**63 - 1}"),
+        ("generate", "--seed", "-1", "of 0 or more"),
+        ("evaluate", "--frames", "9" * 5000, "at most 10000000"),
+        ("evaluate", "--count", "1000001", "at most 1000000"),
+        ("evaluate", "--seed", str(2**63), f"at most {2**63 - 1}"),
+        ("benchmark", "--hidden", "99999", "at most 16384"),
+    ],
+)
+def test_numbers_past_use_are_told_at_once(command, option, value, bound, fails):
+    told = fails(command, option, value)
+    assert f"argument {option}:" in told and bound in told and len(told) < 300
+
+
+def test_the_largest_seed_and_the_smallest_height_are_taken(clips, tmp_path):
+    out = tmp_path / "x.safetensors"
+    command = ["train", "lstm", "--data", str(clips), "--out", str(out), *FAST, "--height", "0.1"]
+    assert main([*command, "--seed", str(2**63 - 1)]) == 0
+    assert main(["generate", str(out), "--seed", str(2**63 - 1), "--frames", "3", "-o", str(tmp_path / "made")]) == 0
+    assert main(["evaluate", str(out), "--data", str(clips), "--seed", str(2**63 - 1), "--frames", "30"]) == 0
+    assert load_checkpoint(out).training["seed"] == 2**63 - 1
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError("Unable to allocate 9.1 TiB"),
+        MemoryError(),
+        RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried to allocate 9 bytes.\n(12)"),
+        RuntimeError("DefaultCPUAllocator: not enough memory: you tried to allocate 9 bytes."),
+        torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 9 GiB"),
+    ],
+)
+def test_too_little_memory_is_one_line(error, clips, tmp_path, monkeypatch, fails):
+    def run(self):
+        raise error
+
+    monkeypatch.setattr(Trainer, "run", run)
+    told = fails("train", "lstm", "--data", clips, "--out", tmp_path / "x.safetensors", *FAST)
+    assert told.startswith("error: not enough memory") and "batch" in told and list(tmp_path.iterdir()) == []
+    assert any(f"memory for {size};" in told for size in ("9.1 TiB", "9 bytes", "9 GiB")) == bool(str(error))
+
+
+def test_other_runtime_errors_are_not_taken_for_it(clips, tmp_path, monkeypatch):
+    def run(self):
+        raise RuntimeError("a defect of ours")
+
+    monkeypatch.setattr(Trainer, "run", run)
+    with pytest.raises(RuntimeError, match="a defect of ours"):
+        main(["train", "lstm", "--data", str(clips), "--out", str(tmp_path / "x.safetensors"), *FAST])
+
+
+def test_no_command_writes_over_its_own_input(trained, tmp_path, fails):
+    clip, link, model = tmp_path / "w.bvh", tmp_path / "link.html", tmp_path / "m.safetensors"
+    write_bvh(swing(150, 0), clip)
+    link.symlink_to(clip)
+    model.write_bytes(trained.read_bytes())
+    made = tmp_path / "made"
+    made.mkdir()
+    write_bvh(swing(150, 1), made / "m-02.bvh")
+    files = [clip, model, made / "m-02.bvh"]
+    before = [file.read_bytes() for file in files]
+    for command in [
+        ("view", clip, "-o", clip),
+        ("view", clip, "-o", link),
+        ("view", clip, "-o", made / ".." / "w.bvh"),
+        ("train", "lstm", "--data", clip, "--out", clip, *FAST),
+        ("train", "lstm", "--data", made, "--out", made / "m-02.bvh", *FAST),
+        ("evaluate", model, "--data", clip, "--json", model),
+        ("evaluate", model, "--data", clip, "--json", clip),
+        ("generate", model, "--data", made, "--count", "3", "-o", made),
+    ]:
+        assert "is read by this command" in fails(*command)
+    assert [file.read_bytes() for file in files] == before
+    assert main(["generate", str(model), "--data", str(made), "--frames", "3", "-o", str(made)]) == 0  # m-01 only
+    assert files[2].read_bytes() == before[2] and len(read_bvh(made / "m-01.bvh")) == 3
+
+
+def test_generate_spares_the_clips_that_the_checkpoint_names(tmp_path, fails):
+    made, out = tmp_path / "made", tmp_path / "m.safetensors"
+    made.mkdir()
+    write_bvh(swing(150, 1), made / "m-01.bvh")
+    assert main(["train", "lstm", "--data", str(made), "--out", str(out), *FAST]) == 0
+    assert "is read by this command" in fails("generate", out, "--frames", "3", "-o", made)
+
+
+def test_train_replaces_checkpoints_only(trained, clips, tmp_path, fails):
+    notes = tmp_path / "notes.txt"
+    notes.write_text("mine")
+    told = fails("train", "lstm", "--data", clips, "--out", notes, *FAST)
+    assert "not a checkpoint of this library" in told and notes.read_text() == "mine"
+    old = tmp_path / "old.safetensors"
+    old.write_bytes(trained.read_bytes())
+    assert main(["train", "lstm", "--data", str(clips), "--out", str(old), *FAST, "--seed", "9"]) == 0
+    assert load_checkpoint(old).training["seed"] == 9
+
+
+def test_empty_names_of_outputs(trained, clips, fails):
+    for command in [
+        ("view", clips / "swing0.bvh", "-o", ""),
+        ("train", "lstm", "--data", clips, "--out", "", *FAST),
+        ("generate", trained, "-o", ""),
+        ("evaluate", trained, "--data", clips, "--json", ""),
+    ]:
+        assert "empty name" in fails(*command)
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_generating(trained, tmp_path, fails, monkeypatch):
+    def generate(*_, **__):
+        raise AssertionError("generated in vain")
+
+    monkeypatch.setattr("tutorial_lib.generate.generate", generate)
+    monkeypatch.setattr(os, "access", lambda path, mode: pathlib.Path(path) != tmp_path)  # also as root
+    told = fails("generate", trained, "-o", tmp_path / "par" / "out")
+    assert told == f"error: {tmp_path}: the folder cannot be written to"
+    monkeypatch.undo()
+    monkeypatch.setattr("tutorial_lib.generate.generate", generate)
+    (tmp_path / "file").write_text("mine")
+    for out in (tmp_path / "file", tmp_path / "file" / "out"):
+        assert fails("generate", trained, "-o", out) == f"error: {tmp_path / 'file'}: expected a folder, this is a file"
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_generated_samples_are_accepted_by_path(tmp_path, capsys, monkeypatch):
+    """The sample skeleton has no end sites, its files have empty ones: by name and by path it is the same."""
+    monkeypatch.delenv("TUTORIAL_DATA", raising=False)
+    out, made, samples = tmp_path / "w.safetensors", tmp_path / "made", PROJECT / "data_samples" / "walking"
+    assert main(["train", "lstm", "--data", "samples/walking", "--out", str(out), *FAST]) == 0
+    assert main(["generate", str(out), "--frames", "80", "-o", str(made)]) == 0
+    for data in (made, samples, samples / "01.bvh"):
+        assert main(["evaluate", str(out), "--data", str(data), "--frames", "30", "--count", "2"]) == 0
+    assert main(["generate", str(out), "--data", str(made), "--frames", "3", "-o", str(tmp_path / "again")]) == 0
 
 
 def test_training_that_blows_up_is_one_line(clips, tmp_path, fails):
@@ -361,6 +582,9 @@ def test_nothing_is_left_when_writing_fails(trained, tmp_path, monkeypatch, fail
     assert "No space left on device" in fails("generate", trained, "--count", "3", "--frames", "5",
                                               "-o", tmp_path / "made")  # fmt: skip
     assert len(calls) == 2 and list(tmp_path.iterdir()) == []
+    calls.clear()
+    told = fails("generate", trained, "--count", "3", "--frames", "5", "-o", tmp_path / "made")
+    assert told == f"error: {tmp_path / 'made'}: No space left on device"  # not a temporary folder
 
 
 def test_help_is_quick_and_light():

@@ -1,4 +1,4 @@
-"""The command line: ``python -m tutorial_lib info | view | data | train | generate | evaluate``.
+"""The command line: ``python -m tutorial_lib info | view | data | train | generate | evaluate | benchmark``.
 
 What a user can get wrong ends in one line, ``error: ...``, and exit status 2; Ctrl-C in 130. Results
 are written whole or not at all. What is heavy to import (torch, matplotlib) is imported by the command that
@@ -13,6 +13,7 @@ import errno
 import json
 import os
 import pathlib
+import re
 import shlex
 import shutil
 import sys
@@ -48,6 +49,22 @@ TRAIN_DEFAULTS: dict[str, Any] = {
     "clip": 1.0,
     "seed": 0,
 }
+# No run on one computer needs more; what is above is a slip of the keyboard, told before memory runs out.
+MOST = {
+    "hidden": 16_384,
+    "layers": 64,
+    "batch": 65_536,
+    "length": 100_000,
+    "count": 1_000_000,
+    "frames": 10_000_000,
+    "steps": 10**9,
+    "seed": 2**63 - 1,
+    "fps": 1000.0,
+    "threads": min(1024, 4 * (os.cpu_count() or 1)),
+    "repeats": 10_000,
+}
+# What some systems have besides, with defaults of their own (see training/systems.py).
+SYSTEM_OPTIONS = ("u", "v", "probability", "decay")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -65,6 +82,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (TutorialError, OSError) as error:
         _print_error(error)
         return 2
+    except (MemoryError, RuntimeError) as error:
+        if not _lacks_memory(error):
+            raise
+        size = re.search(r"to allocate ([\d.]+ ?\w+)", str(error))
+        asked = f" for {size[1]}" if size else ""
+        print(
+            f"error: not enough memory{asked}; smaller numbers need less: "
+            "hidden, layers, batch, length, count or frames",
+            file=sys.stderr,
+        )
+        return 2
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         return 130
@@ -75,6 +103,12 @@ def _print_error(error: Exception) -> None:
     if isinstance(error, OSError) and error.strerror:
         text = f"{error.filename}: {error.strerror}" if error.filename is not None else error.strerror
     print(f"error: {' '.join(text.split())}", file=sys.stderr)
+
+
+def _lacks_memory(error: Exception) -> bool:
+    """PyTorch tells it by a RuntimeError, in words of its own for each device."""
+    told = ("not enough memory", "can't allocate memory", "out of memory")
+    return isinstance(error, MemoryError) or any(words in str(error) for words in told)
 
 
 def _note(message, category, filename, lineno, file=None, line=None) -> None:
@@ -114,7 +148,7 @@ def _parser() -> argparse.ArgumentParser:
     view.add_argument("--overlay", action="store_true", help="all on one spot instead of side by side")
     view.add_argument(
         "--seed-frames",
-        type=_whole(0),
+        type=_whole(0, MOST["frames"]),
         default=0,
         metavar="N",
         help="so many first frames were given to a network: another colour",
@@ -141,7 +175,7 @@ def _parser() -> argparse.ArgumentParser:
         "train lstm --data samples/walking --out walk.safetensors --steps 2500",
         argument_default=argparse.SUPPRESS,
     )
-    train.add_argument("system", metavar="SYSTEM", help="what to train, such as lstm")
+    train.add_argument("system", metavar="SYSTEM", help="what to train: lstm, aclstm or scheduled-sampling")
     train.add_argument("--data", required=True, metavar="NAME", help=own_data)
     train.add_argument("--out", required=True, metavar="FILE", help="the checkpoint to write (.safetensors)")
     train.add_argument(
@@ -159,15 +193,15 @@ def _parser() -> argparse.ArgumentParser:
 
     group = train.add_argument_group("what is learnt from")
     setting(group, "--representation", "positions, hip-frame, euler, quaternion or sixd", metavar="NAME")
-    setting(group, "--fps", "frames a second", type=_number(0))
-    setting(group, "--height", "the skeleton is scaled to so many metres; 0 leaves it", type=_number(0, True))
-    setting(group, "--length", "frames in a training window", type=_whole(2))
-    setting(group, "--batch", "windows in a step", type=_whole(1))
+    setting(group, "--fps", "frames a second", type=_number(0, most=MOST["fps"]))
+    setting(group, "--height", "the skeleton is scaled to so many metres; 0 leaves it", type=_height)
+    setting(group, "--length", "frames in a training window", type=_whole(2, MOST["length"]))
+    setting(group, "--batch", "windows in a step", type=_whole(1, MOST["batch"]))
     setting(
         group,
         "--rates",
         "frame rates at which windows are also taken, such as 24 30 36 (default: fps)",
-        type=_number(0),
+        type=_number(0, most=MOST["fps"]),
         nargs="+",
         metavar="FPS",
     )
@@ -187,14 +221,34 @@ def _parser() -> argparse.ArgumentParser:
         type=_number(0, True),
     )
     group = train.add_argument_group("network")
-    setting(group, "--hidden", "cells a layer; the paper has 1024", type=_whole(1))
-    setting(group, "--layers", "layers", type=_whole(1))
+    setting(group, "--hidden", "cells a layer; the paper has 1024", type=_whole(1, MOST["hidden"]))
+    setting(group, "--layers", "layers", type=_whole(1, MOST["layers"]))
+    group = train.add_argument_group("what the network is fed (the truth, unless said here)")
+    group.add_argument(
+        "--u", type=_whole(1, MOST["length"]), metavar="N", help="aclstm: frames of truth in a row (default 5)"
+    )
+    group.add_argument(
+        "--v", type=_whole(1, MOST["length"]), metavar="N", help="aclstm: own outputs in a row (default 5)"
+    )
+    group.add_argument(
+        "--probability",
+        type=_number(0, True),
+        metavar="P",
+        help="scheduled-sampling: of the truth, at each frame; with a decay, at the end (default 0.5)",
+    )
+    group.add_argument(
+        "--decay",
+        choices=("fixed", "linear", "exponential", "inverse-sigmoid"),
+        help="scheduled-sampling: how the probability falls as training goes on (default fixed)",
+    )
     group = train.add_argument_group("training")
-    setting(group, "--steps", "steps of gradient descent", type=_whole(1))
+    setting(group, "--steps", "steps of gradient descent", type=_whole(1, MOST["steps"]))
     setting(group, "--lr", "learning rate", dest="learning_rate", type=_number(0), metavar="RATE")
     setting(group, "--schedule", "of the learning rate", choices=("one-cycle", "constant"))
     setting(group, "--clip", "largest norm of the gradient", type=_number(0), metavar="NORM")
-    setting(group, "--seed", "of weights, batches and the split into training and test clips", type=_whole(0))
+    setting(
+        group, "--seed", "of weights, batches and the split into training and test clips", type=_whole(0, MOST["seed"])
+    )
     _add_device(train)
     train.add_argument(
         "--save-seconds",
@@ -212,11 +266,15 @@ def _parser() -> argparse.ArgumentParser:
     )
     generate.add_argument("checkpoint", metavar="CHECKPOINT")
     generate.add_argument(
-        "--frames", type=_whole(1), default=300, metavar="N", help="frames of each motion (default 300)"
+        "--frames", type=_whole(1, MOST["frames"]), default=300, metavar="N", help="frames of each motion (default 300)"
     )
-    generate.add_argument("--count", type=_whole(1), default=1, metavar="K", help="motions (default 1)")
+    generate.add_argument("--count", type=_whole(1, MOST["count"]), default=1, metavar="K", help="motions (default 1)")
     generate.add_argument(
-        "--seed", type=_whole(0), default=0, metavar="S", help="number that chooses the seed motions (default 0)"
+        "--seed",
+        type=_whole(0, MOST["seed"]),
+        default=0,
+        metavar="S",
+        help="number that chooses the seed motions (default 0)",
     )
     generate.add_argument("-o", "--out", required=True, metavar="DIR", help="folder for the files")
     generate.add_argument(
@@ -227,7 +285,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     generate.add_argument(
         "--seed-frames",
-        type=_whole(1),
+        type=_whole(1, MOST["frames"]),
         default=10,
         metavar="N",
         help="frames that the network is shown first (default 10, as in the paper)",
@@ -250,33 +308,68 @@ def _parser() -> argparse.ArgumentParser:
     )
     evaluate.add_argument("--json", metavar="FILE", help="write all measures there")
     evaluate.add_argument(
-        "--frames", type=_whole(1), default=900, metavar="N", help="frames to generate after each seed (default 900)"
+        "--frames",
+        type=_whole(1, MOST["frames"]),
+        default=900,
+        metavar="N",
+        help="frames to generate after each seed (default 900)",
     )
-    evaluate.add_argument("--count", type=_whole(1), default=20, metavar="K", help="seeds (default 20)")
-    evaluate.add_argument("--seed", type=_whole(0), default=0, metavar="S", help="chooses them (default 0)")
+    evaluate.add_argument("--count", type=_whole(1, MOST["count"]), default=20, metavar="K", help="seeds (default 20)")
+    evaluate.add_argument(
+        "--seed", type=_whole(0, MOST["seed"]), default=0, metavar="S", help="chooses them (default 0)"
+    )
     _add_device(evaluate)
+
+    benchmark = add(
+        "benchmark",
+        _benchmark,
+        "measure how fast the library is against the plain way of doing the same",
+        "benchmark rollout --hidden 128",
+    )
+    benchmark.add_argument("what", choices=("rollout",), help="rollout: training and synthesis of an LSTM")
+    benchmark.add_argument(
+        "--hidden",
+        type=_whole(1, MOST["hidden"]),
+        default=128,
+        metavar="N",
+        help="cells a layer, in training (default 128)",
+    )
+    benchmark.add_argument(
+        "--threads", type=_whole(1, MOST["threads"]), default=2, metavar="N", help="CPU threads to use (default 2)"
+    )
+    benchmark.add_argument(
+        "--repeats",
+        type=_whole(1, MOST["repeats"]),
+        default=9,
+        metavar="N",
+        help="turns, of which the median is told (default 9)",
+    )
     return parser
 
 
 def _add_device(command: argparse.ArgumentParser) -> None:
     command.add_argument("--device", default="cpu", help="where to compute: cpu (default), cuda, cuda:1, mps, ...")
-    command.add_argument("--threads", type=_whole(1), default=None, metavar="N", help="CPU threads to use")
+    command.add_argument(
+        "--threads", type=_whole(1, MOST["threads"]), default=None, metavar="N", help="CPU threads to use"
+    )
 
 
-def _whole(least: int):
+def _whole(least: int, most: int):
     def parse(text: str) -> int:
         try:
             value = int(text)
-        except ValueError:
-            value = least - 1
+        except ValueError:  # int() also refuses more than some thousand digits
+            value = most + 1 if text.isdecimal() else least - 1
         if value < least:
-            raise argparse.ArgumentTypeError(f"expected a whole number of {least} or more, not {text!r}")
+            raise argparse.ArgumentTypeError(f"expected a whole number of {least} or more, not {_short(text)}")
+        if value > most:
+            raise argparse.ArgumentTypeError(f"expected a whole number of at most {most}, not {_short(text)}")
         return value
 
     return parse
 
 
-def _number(least: float, with_it: bool = False):
+def _number(least: float, with_it: bool = False, most: float = float("inf")):
     def parse(text: str) -> float:
         try:
             value = float(text)
@@ -285,11 +378,24 @@ def _number(least: float, with_it: bool = False):
         if not (least <= value < float("inf")) or (value == least and not with_it):
             raise argparse.ArgumentTypeError(
                 f"expected a number {'of' if with_it else 'above'} {least:g}{' or more' if with_it else ''}, "
-                f"not {text!r}"
+                f"not {_short(text)}"
             )
+        if value > most:
+            raise argparse.ArgumentTypeError(f"expected a number of at most {most:g}, not {_short(text)}")
         return value
 
     return parse
+
+
+def _height(text: str) -> float:
+    value = _number(0, True)(text)
+    if value != 0 and not 0.1 <= value <= 10:
+        raise argparse.ArgumentTypeError(f"expected 0, or metres between 0.1 and 10, not {_short(text)}")
+    return value
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 40 else f"{text[:37]}...")
 
 
 # --- looking at files -----------------------------------------------------------------------------
@@ -341,6 +447,7 @@ def _view(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .motion.files import read_motion
     from .view import show
 
+    _check_output(options.out, options.files)
     motions = [read_motion(path) for path in options.files]
     labels = [pathlib.Path(path).stem for path in options.files]
     player = show(motions, labels=labels, overlay=options.overlay, seed_frames=options.seed_frames)
@@ -398,8 +505,7 @@ def _data_where(options: argparse.Namespace, _: Sequence[str]) -> None:
 def _load_clips(name: str) -> list[Motion]:
     """A named data set, or motion files of the user's own; sorted by name."""
     from . import data
-    from .data.catalog import motion_files
-    from .motion.files import read_motion
+    from .data.catalog import motion_files, read_clip
 
     path = pathlib.Path(name)
     if name in data.names() or not path.exists():
@@ -408,7 +514,7 @@ def _load_clips(name: str) -> list[Motion]:
     if not files:
         raise DataError(f"{name}: the folder holds no motion file, expected .bvh, or .amc with its .asf")
     root = path if path.is_dir() else path.parent
-    return [read_motion(file).with_name(file.relative_to(root).with_suffix("").as_posix()) for file in files]
+    return [read_clip(file).with_name(file.relative_to(root).with_suffix("").as_posix()) for file in files]
 
 
 # --- learning -------------------------------------------------------------------------------------
@@ -423,13 +529,19 @@ def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
     from .training.systems import make_system, system_kind
     from .training.trainer import Trainer, TrainingConfig, usable_device
 
-    system_kind(options.system)
+    kind = system_kind(options.system)
     usable_device(options.device)
     out = pathlib.Path(options.out)
-    given = {name: getattr(options, name) for name in TRAIN_DEFAULTS if hasattr(options, name)}
-    settings = {**TRAIN_DEFAULTS, **given}
+    defaults = {**TRAIN_DEFAULTS, **kind.options}
+    given = {name: getattr(options, name) for name in (*TRAIN_DEFAULTS, *SYSTEM_OPTIONS) if hasattr(options, name)}
+    for name in given:
+        if name not in defaults:
+            raise TutorialError(f"--{name} is not for system {options.system!r}")
+    settings = {**defaults, **given}
+    if kind.options:
+        kind.loss(**{name: settings[name] for name in kind.options})  # raises if they cannot be
     resuming = None
-    _check_writable(out)
+    _check_output(options.out, [options.data])
     if out.exists() and options.resume:
         header = read_header(out)
         if not header["resumable"]:
@@ -439,23 +551,29 @@ def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
             raise CheckpointError(f"{out}: cannot be resumed, {header['training'].get('status', 'status unknown')}")
         resuming = load_checkpoint(out)
         stored = {**header["training"], **header["model"]}
-        settings = {name: stored.get(name, default) for name, default in TRAIN_DEFAULTS.items()}
+        settings = {name: stored.get(name, default) for name, default in defaults.items()}
         asked = {**given, "system": options.system, "data": options.data}
-        for name, value in asked.items():
-            there = {**settings, "system": resuming.system, "data": stored.get("data")}[name]
+        there_all = {**settings, "system": resuming.system, "data": stored.get("data")}
+        for name in sorted(asked, key=lambda name: name != "system"):  # another system explains the rest
+            value, there = asked[name], there_all[name]
             if value != there:
                 raise CheckpointError(
                     f"{out}: holds a run with {name} {there!r}, asked for {value!r}; "
                     f"leave --{name.replace('_', '-')} as it was, or take another --out"
                 )
     elif out.exists():
-        with contextlib.suppress(CheckpointError):  # whatever else lies there is replaced, as by any command
+        try:
             header = read_header(out)
-            if header["resumable"]:
-                raise DataError(
-                    f"{out}: holds an unfinished run ({header['training'].get('steps_done')} of "
-                    f"{header['training'].get('steps')} steps); add --resume to go on with it, or remove it"
-                )
+        except CheckpointError:
+            raise DataError(
+                f"{out}: is there and not a checkpoint of this library, so it is not replaced; "
+                "take another --out, or remove it"
+            ) from None
+        if header["resumable"]:
+            raise DataError(
+                f"{out}: holds an unfinished run ({header['training'].get('steps_done')} of "
+                f"{header['training'].get('steps')} steps); add --resume to go on with it, or remove it"
+            )
 
     motions = prepare(_load_clips(options.data), height=settings["height"] or None)
     train, test = motions, []
@@ -486,8 +604,9 @@ def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
         normalizer = Normalizer.fit(drawn.sample() for _ in range(max(1, 2000 // settings["batch"])))
     batches = WindowSampler(train, representation, normalizer=normalizer, seed=settings["seed"], **window)
     system = make_system(
-        options.system, representation.dim, seed=settings["seed"], hidden=settings["hidden"], layers=settings["layers"]
-    )
+        options.system, representation.dim, seed=settings["seed"], hidden=settings["hidden"], layers=settings["layers"],
+        **{name: settings[name] for name in kind.options},
+    )  # fmt: skip
     config = TrainingConfig(**{name: settings[name] for name in ("steps", "learning_rate", "schedule", "clip", "seed")})
     told = ("representation", "fps", "height", "length", "batch", "rates", "rotate", "normalize", "test_fraction")
     trainer = Trainer(
@@ -518,15 +637,56 @@ def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
     return 0
 
 
-def _check_writable(path: pathlib.Path) -> None:
-    """A result that cannot be written is told before the work, not after it."""
+def _check_output(name: str, inputs: Sequence[str]) -> None:
+    """A file that cannot be written, or that is one of the inputs, is told before the work, not after it."""
+    _check_named(name)
+    path = pathlib.Path(name)
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "expected a file to write, this is a folder", str(path))
-    folder = next(parent for parent in path.absolute().parents if parent.exists())
-    if not folder.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, "expected a folder, this is a file", str(folder))
-    if not os.access(folder, os.W_OK):
-        raise PermissionError(errno.EACCES, "the folder cannot be written to", str(folder))
+    _check_folder(path.absolute().parent)
+    _check_not_input([path], inputs)
+
+
+def _check_named(name: str) -> None:
+    if not name.strip():
+        raise TutorialError("the output has an empty name, expected a path to write to")
+
+
+def _check_folder(folder: pathlib.Path) -> None:
+    """That files can be made in ``folder``, or the folder itself if it is not there."""
+    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    if not there.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, "expected a folder, this is a file", str(there))
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, "the folder cannot be written to", str(there))
+
+
+def _check_not_input(outputs: Sequence[pathlib.Path], inputs: Sequence[str]) -> None:
+    outputs = [path for path in outputs if path.exists()]
+    if not outputs:
+        return
+    # links and other spellings of a path count as well
+    taken = {_identity(file) for name in inputs for file in _input_files(name)}
+    for path in outputs:
+        if _identity(path) in taken:
+            raise TutorialError(f"{path}: is read by this command, so it is not written to; take another output")
+
+
+def _identity(path: pathlib.Path) -> tuple[int, int]:
+    status = path.stat()
+    return status.st_dev, status.st_ino
+
+
+def _input_files(name: str) -> list[pathlib.Path]:
+    """The files behind a checkpoint, a motion file, a folder of them or a data set's name, if they are there."""
+    from . import data
+    from .motion.files import SUFFIXES
+
+    path = pathlib.Path(data.where(name) if name in data.names() else name)
+    if path.is_dir():
+        return [file for file in path.rglob("*") if file.suffix.lower() in (*SUFFIXES, ".asf") and file.is_file()]
+    skeletons = path.parent.glob("*.asf") if path.suffix.lower() == ".amc" else ()
+    return [file for file in (path, *skeletons) if file.is_file()]
 
 
 def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
@@ -534,7 +694,16 @@ def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .generate import generate
     from .motion.bvh import write_bvh
 
+    _check_named(options.out)
+    out = pathlib.Path(options.out)
+    _check_folder(out)
     checkpoint = _open(options)
+    stem, digits = pathlib.Path(options.checkpoint).stem, max(2, len(str(options.count)))
+    names = [f"{stem}-{k:0{digits}d}.bvh" for k in range(1, options.count + 1)]
+    source = options.data
+    if source is None and checkpoint.seed_frames is None:
+        source = checkpoint.provenance.get("data")
+    _check_not_input([out / name for name in names], [options.checkpoint, *([source] if source else [])])
     seeds = _seed_clips(checkpoint, options.data)
     made = generate(
         checkpoint,
@@ -546,11 +715,9 @@ def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
         progress=True,
     )
     motions = made.motions if options.keep_seed else made.without_seed()
-    stem = pathlib.Path(options.checkpoint).stem
-    digits = max(2, len(str(len(motions))))
-    with _whole_folder(options.out) as folder:
-        for k, motion in enumerate(motions, start=1):
-            write_bvh(motion, folder / f"{stem}-{k:0{digits}d}.bvh")
+    with _whole_folder(out) as folder:
+        for name, motion in zip(names, motions, strict=True):
+            write_bvh(motion, folder / name)
     print(f"wrote {len(motions)} files of {len(motions[0])} frames to {options.out}")
 
 
@@ -582,18 +749,25 @@ def _evaluate(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .atomic import atomic_write
     from .evaluate import evaluate, summary, unseen
 
-    if options.json:
-        _check_writable(pathlib.Path(options.json))
+    if options.json is not None:
+        _check_output(options.json, [options.checkpoint, options.data])
     checkpoint = _open(options)
     clips = _load_clips(options.data)
     clips = unseen(checkpoint, clips) or clips
     result = evaluate(checkpoint, clips, count=options.count, frames=options.frames, seed=options.seed, progress=True)
     result = {"checkpoint": pathlib.Path(options.checkpoint).name, "data": options.data, **result}
     print("\n".join(summary(result)))
-    if options.json:
+    if options.json is not None:
         with atomic_write(options.json) as temporary:
             temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         print(f"wrote {options.json}")
+
+
+def _benchmark(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .training.rollout_benchmark import report
+
+    for line in report(options.hidden, threads=options.threads, repeats=options.repeats):
+        print(line, flush=True)
 
 
 def _open(options: argparse.Namespace) -> Checkpoint:
@@ -611,17 +785,22 @@ def _use_threads(options: argparse.Namespace) -> None:
 
 
 @contextlib.contextmanager
-def _whole_folder(folder: str | os.PathLike) -> Iterator[pathlib.Path]:
-    """A temporary folder whose files move to ``folder`` when the block ends without an error, else vanish."""
-    folder = pathlib.Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, "expected a folder, this is a file", str(folder))
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    temporary = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+def _whole_folder(folder: pathlib.Path) -> Iterator[pathlib.Path]:
+    """A temporary folder whose files move to ``folder`` when the block ends without an error, else vanish.
+
+    An ``OSError`` names ``folder``, for the temporary one means nothing to a user.
+    """
+    temporary = None
     try:
+        beside = folder if folder.is_dir() else folder.parent  # of a folder that is there, only it need be writable
+        beside.mkdir(parents=True, exist_ok=True)
+        temporary = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=beside))
         yield temporary
         folder.mkdir(exist_ok=True)
         for file in sorted(temporary.iterdir()):
             os.replace(file, folder / file.name)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(folder)) from error
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)

@@ -170,6 +170,9 @@ def data_folder() -> pathlib.Path | None:
     for candidate in dict.fromkeys(tried):
         if candidate.is_dir():
             return candidate.resolve()
+    for candidate in tried:
+        if candidate.exists():
+            raise DataError(f"{DATA}={setting}: {candidate} is a file, expected a folder")
     places = " or ".join(str(c) for c in dict.fromkeys(tried))
     raise DataError(f"{DATA}={setting}: no such folder; expected {places}")
 
@@ -252,6 +255,8 @@ def fetch(name: str | DataSet, *, cache: str | os.PathLike | None = None) -> pat
 
 def _not_at_hand(data_set: DataSet, cache: pathlib.Path, reason: str) -> NotAtHand:
     own = data_folder()
+    if own is not None and not (own / data_set.folder).is_dir():
+        reason = f"no folder {data_set.folder} in {DATA}, and {reason}"
     if not data_set.files:
         advice = f"install from a clone (pip install -e .) or put .bvh files into {own or 'TUTORIAL_DATA'}/"
         advice += data_set.folder
@@ -298,7 +303,7 @@ def _load(name, limit, fps, cache) -> tuple[list[Motion], str]:
     motions = []
     for path in tqdm(paths[:limit], desc=f"reading {data_set.name}", unit="clip", delay=2, leave=False):
         clip = path.relative_to(folder).with_suffix("").as_posix()
-        motion = drop_empty_end_sites(drop_static_root(read_motion(path))).with_name(f"{data_set.folder}/{clip}")
+        motion = read_clip(path).with_name(f"{data_set.folder}/{clip}")
         motions.append(motion if fps is None else motion.resample(fps))
     return motions, place
 
@@ -331,6 +336,15 @@ def load_first(
         print(f"Data: {data_set.name}, {len(motions)} clips, {seconds:.0f} s, from {place}{why}.")
         return motions
     raise NotAtHand(f"none is at hand: {'; '.join(passed_over)}")
+
+
+def read_clip(path: str | os.PathLike) -> Motion:
+    """One motion file as ``load`` gives it: without a root that never moves and without empty end sites.
+
+    So a file has the same skeleton whether it is read by a data set's name or by its path.
+    Raises ``MotionFileError`` if it cannot be read.
+    """
+    return drop_empty_end_sites(drop_static_root(read_motion(path)))
 
 
 def drop_static_root(motion: Motion) -> Motion:

@@ -17,6 +17,8 @@ from torch import Tensor, nn
 
 from ..errors import CheckpointError, TutorialError
 from ..models.recurrent import LSTM3LR, LSTM3LRConfig
+from .conditioning import auto_conditioning, check_decay, scheduled_sampling, truth_probability
+from .rollout import rollout
 
 LossFunction = Callable[..., Any]
 """``loss(model, batch, rng, progress)`` -> scalar tensor, or the pair (scalar, {name of term: scalar}).
@@ -42,14 +44,74 @@ def next_frame_loss(
     return distance.mean()
 
 
+def scheduled_loss(model: nn.Module, batch: Tensor, schedule: Tensor) -> Tensor:
+    r"""The loss under any schedule: fed truth or its own output, the network is asked for the *true* next frame.
+
+    .. math:: L(x_t) = \| H(\hat x_t^k, m_t) - x_{t+1} \|_2^2   \qquad (2)
+
+    Zhou et al., section 3, equation 2; where the truth is fed, k = 0 and it is equation 1. Summed over the D numbers
+    of a frame, averaged over sequences and time steps, as :func:`next_frame_loss`; the gradient runs back
+    through the outputs that were fed.
+
+    ``batch`` is (B, T, D); ``schedule``, (T - 1,) or (B, T - 1), is for the first T - 1 frames.
+    """
+    prediction, _ = rollout(model, batch[:, :-1], schedule)  # (B, T-1, D)
+    distance = (prediction - batch[:, 1:]).square().sum(dim=-1)  # (B, T-1)
+    return distance.mean()
+
+
+@dataclasses.dataclass(frozen=True)
+class AutoConditionedLoss:
+    """:func:`scheduled_loss` with ``u`` frames of truth, then ``v`` own ones, in turn: the acLSTM."""
+
+    u: int = 5
+    v: int = 5
+
+    def __post_init__(self):
+        auto_conditioning(1, self.u, self.v)  # raises if they cannot be
+
+    def __call__(
+        self, model: nn.Module, batch: Tensor, rng: torch.Generator | None = None, progress: float = 0.0
+    ) -> Tensor:
+        return scheduled_loss(model, batch, auto_conditioning(batch.shape[1] - 1, self.u, self.v))
+
+
+@dataclasses.dataclass(frozen=True)
+class ScheduledSamplingLoss:
+    """:func:`scheduled_loss` with a coin tossed at each frame: truth with ``probability``, which may decay to that."""
+
+    probability: float = 0.5
+    decay: str = "fixed"
+
+    def __post_init__(self):
+        check_decay(self.probability, self.decay)
+
+    def __call__(
+        self, model: nn.Module, batch: Tensor, rng: torch.Generator | None = None, progress: float = 0.0
+    ) -> Tensor:
+        probability = truth_probability(progress, self.probability, self.decay)
+        return scheduled_loss(model, batch, scheduled_sampling(batch.shape[1] - 1, batch.shape[0], probability, rng))
+
+
 @dataclasses.dataclass(frozen=True)
 class SystemKind:
-    """What a name such as "lstm" stands for."""
+    """What a name such as "lstm" stands for.
+
+    ``loss`` is the loss function itself or, for a system with options of its own, the frozen dataclass of them
+    whose values are loss functions.
+    """
 
     summary: str
     model: type[nn.Module]
     config: type
     loss: LossFunction
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options of the loss, such as u and v, with their defaults."""
+        if not dataclasses.is_dataclass(self.loss):
+            return {}
+        return {field.name: field.default for field in dataclasses.fields(self.loss)}
 
 
 SYSTEMS: dict[str, SystemKind] = {
@@ -59,6 +121,18 @@ SYSTEMS: dict[str, SystemKind] = {
         LSTM3LRConfig,
         next_frame_loss,
     ),
+    "aclstm": SystemKind(
+        "auto-conditioned LSTM (acLSTM): the same network, fed u frames of truth and v of its own in turn",
+        LSTM3LR,
+        LSTM3LRConfig,
+        AutoConditionedLoss,
+    ),
+    "scheduled-sampling": SystemKind(
+        "the same network, fed the truth or its own output at random (Bengio et al.)",
+        LSTM3LR,
+        LSTM3LRConfig,
+        ScheduledSamplingLoss,
+    ),
 }
 
 
@@ -66,12 +140,14 @@ SYSTEMS: dict[str, SystemKind] = {
 class System:
     """A network and the loss that it is trained with: what a :class:`Trainer` trains.
 
-    ``loss`` is called as ``loss(model, batch, rng, progress)``, see :data:`LossFunction`.
+    ``loss`` is called as ``loss(model, batch, rng, progress)``, see :data:`LossFunction`; ``options`` are what it
+    was made with, kept in the checkpoint's ``training``.
     """
 
     name: str
     model: nn.Module
     loss: LossFunction
+    options: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
 def system_kind(name: str, error: type[TutorialError] = TutorialError) -> SystemKind:
@@ -83,20 +159,24 @@ def system_kind(name: str, error: type[TutorialError] = TutorialError) -> System
     raise error(f"unknown system {name!r}; {hint}")
 
 
-def make_system(name: str, dim: int, *, seed: int = 0, **sizes) -> System:
+def make_system(name: str, dim: int, *, seed: int = 0, **values) -> System:
     """A fresh system for frames of ``dim`` numbers.
 
-    ``sizes`` go to the network's configuration (for "lstm": ``hidden``, ``layers``). The weights are
-    drawn from ``seed``; torch's global generator is put back as it was.
+    ``values`` are sizes of the network (``hidden``, ``layers``) and the system's own options ("aclstm": ``u``,
+    ``v``; "scheduled-sampling": ``probability``, ``decay``). The weights are drawn from ``seed``; torch's
+    global generator is put back as it was.
     """
     kind = system_kind(name)
-    allowed = [field.name for field in dataclasses.fields(kind.config) if field.name != "dim"]
-    for size in sizes:
-        if size not in allowed:
-            raise TutorialError(f"system {name!r} has no size {size!r}; it has {', '.join(allowed)}")
+    sizes = [field.name for field in dataclasses.fields(kind.config) if field.name != "dim"]
+    for value in values:
+        if value not in (*sizes, *kind.options):
+            what = "size" if not kind.options else "size or option"
+            raise TutorialError(f"system {name!r} has no {what} {value!r}; it has {', '.join((*sizes, *kind.options))}")
+    options = {option: values.get(option, default) for option, default in kind.options.items()}
+    loss = kind.loss(**options) if options else kind.loss
     with global_seed(seed):
-        model = kind.model(kind.config(dim=dim, **sizes))
-    return System(name, model, kind.loss)
+        model = kind.model(kind.config(dim=dim, **{size: values[size] for size in sizes if size in values}))
+    return System(name, model, loss, options)
 
 
 def empty_model(name: str, config: dict[str, Any]) -> nn.Module:

@@ -1,0 +1,114 @@
+"""Schedules: at which frames a recurrent network is fed the truth, and at which its own last output.
+
+Teacher forcing, auto-conditioning, scheduled sampling and synthesis run the same network; they differ only in
+this. A schedule is a boolean tensor over time, ``True`` = fed the truth: (T,), or (B, T) where every sequence
+has its own. The first frame is always the truth, since there is no output yet. :func:`~.rollout.rollout` runs a
+network under a schedule; drawn as rows of squares it is figure 1 of the acRNN paper.
+
+>>> auto_conditioning(10, u=3, v=2).int().tolist()
+[1, 1, 1, 0, 0, 1, 1, 1, 0, 0]
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..errors import TutorialError
+
+DECAYS = ("fixed", "linear", "exponential", "inverse-sigmoid")
+
+
+def teacher_forcing(T: int) -> Tensor:
+    """(T,), the truth at every frame: how the vanilla network is trained (acRNN, section 3, equation 1)."""
+    _check_whole("the number of frames", T)
+    return torch.ones(T, dtype=torch.bool)
+
+
+def auto_conditioning(T: int, u: int = 5, v: int = 5) -> Tensor:
+    """(T,), ``u`` frames of truth, then ``v`` of the network's own, over and over from the sequence's start.
+
+    Zhou et al., "Auto-conditioned recurrent networks", section 3 and figure 1 (there with u = v = 4): u is the
+    "ground-truth length", v the "condition length". In the main text u = v = 5, the default here.
+    """
+    _check_whole("the number of frames", T)
+    for name, length in (("u, the frames of truth in a row,", u), ("v, the own frames in a row,", v)):
+        if not _is_whole(length) or length < 1:
+            raise TutorialError(f"auto-conditioning (u={u!r}, v={v!r}): {name} must be a whole number of 1 or more")
+    return torch.arange(T) % (u + v) < u
+
+
+def scheduled_sampling(T: int, batch: int, probability: float, rng: torch.Generator | None = None) -> Tensor:
+    """(batch, T), each frame of each sequence the truth with this probability, tossed on its own.
+
+    Bengio et al., "Scheduled sampling for sequence prediction with recurrent neural networks" (2015), section
+    2.3, whose epsilon is ``probability``; there it falls as training goes on, see :func:`truth_probability`.
+    ``rng`` is a generator on the CPU, torch's global one by default. The first frames are always the truth.
+    """
+    _check_whole("the number of frames", T)
+    _check_whole("the number of sequences", batch)
+    _check_probability("the probability of truth", probability)
+    schedule = torch.rand(batch, T, generator=rng) < probability
+    schedule[:, 0] = True
+    return schedule
+
+
+def seed_only(T: int, n_seed: int) -> Tensor:
+    """(T,), the truth for ``n_seed`` frames and then never again: synthesis."""
+    _check_whole("the number of frames", T)
+    _check_whole("the length of the seed", n_seed)
+    if n_seed > T:
+        raise TutorialError(f"the seed has {n_seed} frames, the sequence only {T}")
+    return torch.arange(T) < n_seed
+
+
+def truth_probability(progress: float, probability: float, decay: str = "fixed") -> float:
+    r"""The probability of truth at some point of training, for :func:`scheduled_sampling`.
+
+    The three decays are those of Bengio et al. (2015), section 2.4, stretched so that they begin with (nearly)
+    always the truth and arrive at ``probability`` with the last step:
+
+    ==================  ============================================================  ==================
+    "fixed"             ``probability`` throughout
+    "linear"            a straight line from 1                                        max(eps, k - c i)
+    "exponential"       ``probability ** progress``; needs a probability above 0      k^i
+    "inverse-sigmoid"   k / (k + exp(z progress)), k = 99: from 0.99, slow at first   k / (k + exp(i / k))
+    ==================  ============================================================  ==================
+
+    ``progress`` runs from 0 at the first step to 1 at the last.
+    """
+    check_decay(probability, decay)
+    if not 0 <= progress <= 1:
+        raise TutorialError(f"progress runs from 0 to 1, not to {progress!r}")
+    if decay == "fixed":
+        return float(probability)
+    if decay == "linear":
+        return 1 - (1 - probability) * progress
+    if decay == "exponential":
+        return float(probability) ** progress
+    k = 99
+    odds = k * (1 - probability) / probability  # exp(z): what the exponential must reach at the end
+    return k / (k + odds**progress)
+
+
+def check_decay(probability: float, decay: str) -> None:
+    """Raise :class:`TutorialError` unless :func:`truth_probability` can take these."""
+    _check_probability("the probability of truth", probability)
+    if decay not in DECAYS:
+        raise TutorialError(f"unknown decay {decay!r}; known are {', '.join(DECAYS)}")
+    if decay in ("exponential", "inverse-sigmoid") and not (0 < probability < 1):
+        raise TutorialError(f"the {decay} decay ends at a probability above 0 and below 1, not at {probability!r}")
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _check_whole(what: str, value: object) -> None:
+    if not _is_whole(value) or value < 1:
+        raise TutorialError(f"{what} must be a whole number of 1 or more, not {value!r}")
+
+
+def _check_probability(what: str, value: object) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 1:
+        raise TutorialError(f"{what} lies between 0 and 1, not at {value!r}")

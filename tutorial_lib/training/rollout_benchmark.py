@@ -1,0 +1,170 @@
+"""How fast the rollout is: ``python -m tutorial_lib benchmark rollout --hidden 128``.
+
+Two ways of doing the same, by turns in one run, so that what else the machine does slows both: the library's
+fast rollout, and a plain loop of ``nn.LSTMCell`` calls, one for each layer and frame, as one would write it
+first. Both train the same network with the same optimiser. Told are medians and their ratio.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from ..models.recurrent import LSTM3LR
+from .conditioning import auto_conditioning
+from .rollout import LSTMStream, rollout
+from .systems import global_seed, make_system
+
+
+class CellLoop(nn.Module):
+    """The plain reference: an LSTM3LR's weights in ``nn.LSTMCell`` layers, called a frame at a time."""
+
+    def __init__(self, model: LSTM3LR):
+        super().__init__()
+        config = model.config
+        self.cells = nn.ModuleList(
+            nn.LSTMCell(config.dim if k == 0 else config.hidden, config.hidden) for k in range(config.layers)
+        )
+        self.readout = nn.Linear(config.hidden, config.dim)
+        with torch.no_grad():
+            for k, cell in enumerate(self.cells):
+                for name, weight in cell.named_parameters():
+                    weight.copy_(getattr(model.lstm, f"{name}_l{k}"))
+        self.readout.load_state_dict(model.readout.state_dict())
+
+    def start(self, batch: int) -> list[tuple[Tensor, Tensor]]:
+        """A memory of zeros."""
+        zeros = self.readout.weight.new_zeros(batch, self.readout.in_features)
+        return [(zeros, zeros) for _ in self.cells]
+
+    def step(self, frame: Tensor, state: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, list[tuple[Tensor, Tensor]]]:
+        """One frame (B, D) -> the prediction of the next, and the new memory."""
+        after = []
+        for cell, memory in zip(self.cells, state, strict=True):
+            frame, c = cell(frame, memory)
+            after.append((frame, c))
+        return self.readout(frame), after
+
+    def forward(self, x: Tensor, schedule: list[bool]) -> Tensor:
+        """(B, T, D) under a schedule for all sequences -> (B, T, D)."""
+        state, outputs, y = self.start(x.shape[0]), [], x[:, 0]
+        for t, truth in enumerate(schedule):
+            y, state = self.step(x[:, t] if truth else y, state)
+            outputs.append(y)
+        return torch.stack(outputs, dim=1)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Median seconds of the plain loop and of the fast rollout, measured by turns."""
+
+    plain: float
+    fast: float
+
+    @property
+    def ratio(self) -> float:
+        """How many times faster."""
+        return self.plain / self.fast
+
+
+def time_training(
+    hidden: int, *, layers: int = 3, dim: int = 171, frames: int = 100, batch: int = 32, u: int = 5, v: int = 5,
+    repeats: int = 9,
+) -> Timing:  # fmt: skip
+    """Seconds of a training step of acLSTM: forward, backward and Adam."""
+    model = make_system("aclstm", dim, hidden=hidden, layers=layers).model
+    loop = CellLoop(model)
+    generator = torch.Generator().manual_seed(0)
+    x, target = (0.1 * torch.randn(batch, frames, dim, generator=generator) for _ in range(2))
+    schedule = auto_conditioning(frames, u, v)
+    fed = schedule.tolist()
+
+    def training_step(network: nn.Module, run: Callable[[], Tensor]) -> Callable[[], None]:
+        optimizer = torch.optim.Adam(network.parameters(), lr=1e-4, fused=True)
+
+        def step() -> None:
+            loss = (run() - target).square().sum(dim=-1).mean()
+            optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            optimizer.step()
+
+        return step
+
+    return _by_turns(
+        training_step(loop, lambda: loop(x, fed)),
+        training_step(model, lambda: rollout(model, x, schedule, fast=True)[0]),
+        repeats,
+    )
+
+
+def time_synthesis(
+    hidden: int = 1024, *, layers: int = 3, dim: int = 171, frames: int = 60, batch: int = 1, repeats: int = 9
+) -> Timing:
+    """Seconds of a frame of synthesis, the network living on its own output."""
+    model = make_system("lstm", dim, hidden=hidden, layers=layers).model
+    loop = CellLoop(model)
+    zeros = torch.zeros(layers, batch, hidden)
+    stream = LSTMStream(model, (zeros, zeros))
+    first = 0.1 * torch.randn(batch, dim, generator=torch.Generator().manual_seed(0))
+
+    @torch.no_grad()
+    def plain() -> None:
+        frame, state = first, loop.start(batch)
+        for _ in range(frames):
+            frame, state = loop.step(frame, state)
+
+    def fast() -> None:
+        frame = first
+        for _ in range(frames):
+            frame = stream.step(frame)
+
+    timing = _by_turns(plain, fast, repeats)
+    return Timing(timing.plain / frames, timing.fast / frames)
+
+
+def report(hidden: int, *, threads: int = 2, repeats: int = 9) -> Iterator[str]:
+    """The lines that the command prints, each when it is known; the last holds both ratios.
+
+    Training is with ``hidden`` cells a layer, synthesis always the paper's three layers of 1024, batch 1.
+    """
+    with _threads(threads), global_seed(0):
+        yield f"{threads} threads, torch {torch.__version__}; 171 numbers a frame, three layers, median of {repeats}"
+        training = time_training(hidden, repeats=repeats)
+    yield (
+        f"training step, {hidden} cells, 100 frames, 32 sequences, u = v = 5: "
+        f"plain loop {training.plain:.3f} s, rollout {training.fast:.3f} s"
+    )
+    with _threads(threads), global_seed(0):
+        synthesis = time_synthesis(repeats=repeats)
+    yield (
+        f"synthesis, 1024 cells, one sequence: "
+        f"plain loop {1 / synthesis.plain:.0f} frames/s, stream {1 / synthesis.fast:.0f} frames/s"
+    )
+    yield f"training {training.ratio:.2f}x, synthesis {synthesis.ratio:.2f}x, hidden {hidden}"
+
+
+def _by_turns(plain: Callable[[], None], fast: Callable[[], None], repeats: int) -> Timing:
+    seconds: tuple[list[float], list[float]] = ([], [])
+    for turn in range(repeats + 1):
+        for run, times in zip((plain, fast), seconds, strict=True):
+            start = time.perf_counter()
+            run()
+            if turn > 0:  # the first warms up
+                times.append(time.perf_counter() - start)
+    return Timing(*(statistics.median(times) for times in seconds))
+
+
+@contextlib.contextmanager
+def _threads(count: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
