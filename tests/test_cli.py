@@ -146,7 +146,7 @@ def test_train_writes_weights_and_where_they_come_from(trained, clips):
     assert checkpoint.config == {"dim": 27, "hidden": 6, "layers": 2}
     origin, training = checkpoint.provenance, checkpoint.training
     assert origin["data"] == str(clips) and len(origin["clips"]) == 3 and len(origin["test_clips"]) == 1
-    assert sorted(origin["clips"] + origin["test_clips"]) == [f"swing{k}" for k in range(4)]
+    assert sorted(origin["clips"] + origin["test_clips"]) == [f"{clips.name}/swing{k}" for k in range(4)]
     assert origin["command"].startswith("python -m tutorial_lib train lstm --data")
     assert training["status"] == "finished" and training["steps_done"] == 8 and training["batch"] == 4
     assert checkpoint.normalizer is None and not read_header(trained)["resumable"]
@@ -186,7 +186,7 @@ def test_one_clip_is_trained_on_whole(clips, tmp_path, capsys):
     out = tmp_path / "x.safetensors"
     assert main(["train", "lstm", "--data", str(clips / "swing1.bvh"), "--out", str(out), *FAST]) == 0
     assert "a single clip" in capsys.readouterr().err
-    assert load_checkpoint(out).provenance["clips"] == ["swing1"]
+    assert load_checkpoint(out).provenance["clips"] == [f"{clips.name}/swing1"]
 
 
 def test_generate_writes_files_of_the_asked_length(trained, tmp_path):
@@ -215,7 +215,7 @@ def test_generated_files_are_what_the_network_makes(trained, clips, tmp_path):
 
     assert main(["generate", str(trained), "--frames", "12", "-o", str(tmp_path / "m"), "--data", str(clips)]) == 0
     checkpoint = load_checkpoint(trained)
-    test = [read_motion(clips / f"{name}.bvh") for name in checkpoint.provenance["test_clips"]]
+    test = [read_motion(clips.parent / f"{name}.bvh") for name in checkpoint.provenance["test_clips"]]
     wanted = generate(checkpoint, 12, seeds=test)[0].positions[10:]
     found = read_bvh(tmp_path / "m" / "swing-01.bvh")
     joints = list(found.skeleton.joints)  # the file format holds an end site at a fixed distance

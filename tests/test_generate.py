@@ -316,3 +316,6 @@ def test_unseen_clips_are_those_not_trained_on(small_motion):
     clips = [small_motion.with_name(name) for name in ("a", "b")]
     assert [m.name for m in unseen(checkpoint, clips)] == ["b"]
     assert unseen(checkpoint, clips[:1]) == []
+    named = dataclasses.replace(checkpoint, provenance={"clips": ["samples/walking/01"]})
+    names = ("walking/01", "samples/walking/01", "running/01", "01x", "other/walking/02")
+    assert [m.name for m in unseen(named, [small_motion.with_name(n) for n in names])] == list(names[2:])

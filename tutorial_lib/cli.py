@@ -513,8 +513,9 @@ def _load_clips(name: str) -> list[Motion]:
     files = motion_files(path) if path.is_dir() else [path]
     if not files:
         raise DataError(f"{name}: the folder holds no motion file, expected .bvh, or .amc with its .asf")
-    root = path if path.is_dir() else path.parent
-    return [read_clip(file).with_name(file.relative_to(root).with_suffix("").as_posix()) for file in files]
+    # named as the catalogue would, folder and file, so that a clip is known again however it was asked for
+    root = (path if path.is_dir() else path.parent).resolve().parent
+    return [read_clip(file).with_name(file.resolve().relative_to(root).with_suffix("").as_posix()) for file in files]
 
 
 # --- learning -------------------------------------------------------------------------------------

@@ -20,9 +20,17 @@ CHANGE_WINDOW = 15  # steps up to that frame that are averaged
 
 
 def unseen(checkpoint: Checkpoint, motions: Sequence[Motion]) -> list[Motion]:
-    """The clips that the checkpoint was not trained on, by their names; may be empty."""
-    trained_on = set(checkpoint.provenance.get("clips") or ())
-    return [motion for motion in motions if motion.name not in trained_on]
+    """The clips that the checkpoint was not trained on, by their names; may be empty.
+
+    A clip is known by the end of its name: ``samples/walking/01``, as the catalogue has it, is ``walking/01``, as
+    a folder of files has it.
+    """
+    trained_on = ["/" + name for name in checkpoint.provenance.get("clips") or ()]
+
+    def seen(name: str) -> bool:
+        return any(other.endswith("/" + name) or ("/" + name).endswith(other) for other in trained_on)
+
+    return [motion for motion in motions if not seen(motion.name)]
 
 
 def evaluate(
