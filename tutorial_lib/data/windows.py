@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from ..errors import DataError, TutorialError
-from ..motion.clip import Motion
+from ..motion.clip import Motion, whole_ratio
 from ..motion.rotations import Array, quat_about_y, quat_mul
 from ..representations import Representation
 
@@ -249,12 +249,6 @@ class WindowSampler:
             f"WindowSampler({self.n_windows} windows of {self.length} frames at {rates} fps, "
             f"batch {self.batch}, {'rotated, ' if self.rotate else ''}{self.representation!r})"
         )
-
-
-def whole_ratio(fps: float, rate: float) -> int:
-    """``fps / rate`` where that is a whole number to a part in a thousand (120 over 30 is 4), else 0."""
-    ratio = fps / rate
-    return round(ratio) if round(ratio) >= 1 and abs(ratio - round(ratio)) < 1e-3 * ratio else 0
 
 
 def _too_short(motions: Sequence[Motion], length: int, rate: float) -> str:

@@ -122,11 +122,11 @@ class Motion:
         shorten by it, by less than a part in a thousand at 30 frames a second)."""
         if not (np.isfinite(fps) and fps > 0):
             raise MotionError(f"resample to {fps} frames per second: expected a number above zero")
-        ratio = self.fps / fps
-        if abs(ratio - round(ratio)) < 1e-4 * ratio and round(ratio) >= 1:
+        ratio, step = self.fps / fps, whole_ratio(self.fps, fps)
+        if step:
             return self._with(
-                positions=self.positions[:: round(ratio)],
-                rotations=None if self.rotations is None else self.rotations[:: round(ratio)],
+                positions=self.positions[::step],
+                rotations=None if self.rotations is None else self.rotations[::step],
                 fps=fps,
             )
         at = np.arange(int(np.floor((len(self) - 1) / ratio + 1e-9)) + 1) * ratio
@@ -231,6 +231,15 @@ def _read_only(array: np.ndarray) -> np.ndarray:
         array = array.astype(np.float64)
         array.setflags(write=False)
     return array
+
+
+def whole_ratio(fps: float, rate: float) -> int:
+    """``fps / rate`` where that is a whole number to a part in ten thousand (120 over 30 is 4), else 0.
+
+    29.97 is not 30: taking every fourth frame of 120 for it would run a second late after a quarter of an hour.
+    """
+    ratio = fps / rate
+    return round(ratio) if round(ratio) >= 1 and abs(ratio - round(ratio)) < 1e-4 * ratio else 0
 
 
 def settled_positions(positions: np.ndarray, fps: float, seconds: float = 1.0) -> np.ndarray:
