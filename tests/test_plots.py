@@ -8,10 +8,21 @@ import sys
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from tutorial_lib.errors import TutorialError
-from tutorial_lib.view import bar_plot, curve_plot, distance_plot, motion_change_plot, pose_strip, rest_pose_plot
+from tutorial_lib.view import (
+    bar_plot,
+    cloud_plot,
+    curve_plot,
+    distance_plot,
+    motion_change_plot,
+    pose_strip,
+    rest_pose_plot,
+    schedule_plot,
+)
+from tutorial_lib.view.plots import nearest_distance
 
 
 def line(figure, label):
@@ -79,3 +90,114 @@ def test_no_pyplot_and_no_backend():
         "assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_strip_can_show_other_frames_of_each_motion(small_motion):
+    figure = pose_strip([small_motion, small_motion], [[5, 40], [7, 20, 49]], labels=["early", "late"])
+    numbers = [t.get_text().split("\n") for t in figure.texts if "\n" in t.get_text()]
+    assert [n[0] for n in numbers] == [f"frame {f}" for f in (5, 40, 7, 20, 49)]
+    assert numbers[1][1] == "1.33 s"
+    first, second = (len(axes.collections) for axes in figure.axes)
+    assert 0 < 3 * first == 2 * second, "two poses above, three below"
+    places = [t.get_position() for t in figure.texts if "\n" in t.get_text()]
+    assert places[0][1] == places[1][1] > places[2][1] and places[0][0] == places[2][0]
+    for wrong, says in (
+        ([[5]], "1 lists of frames"),
+        ([[5], []], "not empty"),
+        ([[5], [50]], "frame 50 of row 1, expected 0 to 49"),
+    ):
+        with pytest.raises(TutorialError, match=says):
+            pose_strip([small_motion, small_motion], wrong)
+
+
+# -- schedules -----------------------------------------------------------------------------------------------
+
+
+def squares(axes) -> dict[str, set[tuple[int, int]]]:
+    """Places (row, frame) of the dark and of the light squares, on axes where a square is 1 x 1."""
+    dark, light = axes.collections[:2]
+    assert dark.get_facecolor().mean() < light.get_facecolor().mean(), "they differ without colour, too"
+    corners = [np.array([path.vertices.min(0) for path in c.get_paths()]).reshape(-1, 2) for c in (dark, light)]
+    return {name: {(int(y), int(x)) for x, y in at} for name, at in zip(("truth", "own"), corners, strict=True)}
+
+
+def test_a_schedule_is_drawn_as_figure_1_has_it():
+    figure = schedule_plot({"u = 3, v = 2": np.array([1, 1, 1, 0, 0, 1, 1, 1, 0, 0], bool)})
+    drawn = squares(figure.axes[0])
+    assert drawn["truth"] == {(0, t) for t in (0, 1, 2, 5, 6, 7)} and drawn["own"] == {(0, t) for t in (3, 4, 8, 9)}
+    assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == ["u = 3, v = 2"]
+    assert {t.get_text() for t in figure.axes[1].texts} == {"fed the truth", "fed its own last output"}
+
+
+def test_a_schedule_of_several_sequences_has_a_row_for_each_and_long_ones_are_cut():
+    tensor = torch.zeros(3, 100, dtype=torch.bool)
+    tensor[:, 0] = True
+    tensor[1] = True
+    figure = schedule_plot({"tossed": tensor}, frames=30)
+    drawn = squares(figure.axes[0])
+    assert drawn["truth"] == {(0, 0), (2, 0)} | {(1, t) for t in range(30)}
+    assert len(drawn["own"]) == 58
+
+
+@pytest.mark.parametrize("wrong", [np.ones(5), np.ones((2, 2, 2), bool), np.ones((0, 5), bool)])
+def test_what_is_no_schedule_is_refused(wrong):
+    with pytest.raises(TutorialError, match=r"'x' is \w+ of shape .*, expected booleans \(T,\) or \(B, T\)"):
+        schedule_plot({"x": wrong})
+    with pytest.raises(TutorialError, match="no schedules"):
+        schedule_plot({})
+
+
+# -- what it was fed and what it met -------------------------------------------------------------------------
+
+
+@pytest.fixture
+def cloud() -> np.ndarray:
+    """500 frames of four channels: widest along (0, 1, 1, 0) / sqrt 2, then along channel 3."""
+    rng = np.random.default_rng(3)
+    wide, second = rng.normal(scale=3.0, size=500), rng.normal(scale=1.0, size=500)
+    return np.stack([0.01 * rng.normal(size=500), wide / 2**0.5, wide / 2**0.5, second], axis=1) + [1, 2, 3, 4]
+
+
+def test_paths_are_seen_from_the_clouds_widest_side(cloud):
+    path = np.array([1.0, 2, 3, 4]) + np.linspace(0, 2, 60)[:, None] * [0, 2**-0.5, 2**-0.5, 0]
+    where, far = cloud_plot(cloud, {"out": path}, fps=30).axes
+    x, y = line_of(where, "out")
+    assert abs(x[-1] - x[0]) == pytest.approx(2, abs=0.02) and abs(y[-1] - y[0]) < 0.1
+    points = where.collections[0].get_offsets()
+    assert len(points) == 500 and np.allclose(points.std(0), [3, 1], rtol=0.15)
+    assert "90%" in where.get_xlabel(), "9 of 10 of the spread"
+    assert [t.get_text() for t in where.texts if t.get_text()] == ["0", "1"], "marked by the second"
+    assert far.get_lines()[0].get_xdata()[-1] == pytest.approx(59 / 30)
+
+
+def test_distance_to_the_nearest_frame_is_over_all_channels(cloud):
+    path = np.repeat(cloud[[7, 8]], 30, axis=0)
+    path[30:, 0] += 5  # along the channel that the picture cannot show
+    _, far = cloud_plot(cloud, {"away": path}, fps=30).axes
+    distance = far.get_lines()[0].get_ydata()
+    assert np.allclose(distance[:30], 0) and np.allclose(distance[30:], 5, atol=0.05)
+    brute = [min(np.linalg.norm(cloud - p, axis=1)) for p in path]
+    assert np.allclose(nearest_distance(path, cloud), brute)
+
+
+def test_a_path_that_runs_off_ends_and_does_not_shrink_the_cloud(cloud):
+    path = cloud[:60] * np.exp(np.arange(60) / 3)[:, None]
+    path[50:] = np.inf
+    where, far = cloud_plot(cloud, {"off": path}, fps=30).axes
+    assert len(line_of(where, "off")[0]) == len(far.get_lines()[0].get_ydata()) == 50
+    assert np.ptp(where.get_xlim()) < 4 * np.ptp(where.collections[0].get_offsets()[:, 0])
+    assert far.get_ylim()[0] == 0
+
+
+def test_clouds_and_paths_that_do_not_fit_are_refused(cloud):
+    with pytest.raises(TutorialError, match=r"'p' of shape \(9, 3\) beside a cloud of 4 channels"):
+        cloud_plot(cloud, {"p": np.zeros((9, 3))}, fps=30)
+    with pytest.raises(TutorialError, match=r"a cloud of shape \(4,\)"):
+        cloud_plot(cloud[0], {}, fps=30)
+    cloud[3, 2] = np.nan
+    with pytest.raises(TutorialError, match="all finite"):
+        cloud_plot(cloud, {}, fps=30)
+
+
+def line_of(axes, label):
+    return next(line for line in axes.get_lines() if line.get_label() == label).get_data()

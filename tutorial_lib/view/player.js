@@ -33,6 +33,18 @@ async function decode(bytes, parents, frames, step) {
   return out;
 }
 
+export function onTheme(tell) { // tell(dark) now and at each change: the notebook's, else the system's
+  const system = matchMedia('(prefers-color-scheme: dark)'), notebook = new MutationObserver(look);
+  function look() {
+    const { jpThemeLight: light, vscodeThemeKind: kind } = document.body.dataset;
+    tell(light ? light === 'false' : kind ? !/light/.test(kind) : system.matches);
+  }
+  notebook.observe(document.body, { attributeFilter: ['data-jp-theme-light', 'data-vscode-theme-kind'] });
+  system.onchange = look;
+  look();
+  return () => { notebook.disconnect(); system.onchange = null; };
+}
+
 export function mount(el, spec, bytes) {
   const shadow = el.shadowRoot || el.attachShadow({ mode: 'open' });
   shadow.replaceChildren();
@@ -86,7 +98,7 @@ export function mount(el, spec, bytes) {
   let raf = 0, clock = 0, jump = true, cast = [], fit = 0;
   const aimed = [0, 0, 0], target = [0, 0, 0];
   const frameNow = () => Math.round(S.t * spec.fps), step = e => e.shiftKey ? Math.round(spec.fps) : 1;
-  function redraw(jumps) { // once; it goes on by itself only while playing in sight
+  function redraw(jumps) { // once; it goes on only while playing in sight
     jump ||= jumps;
     if (!raf && S.visible) raf = requestAnimationFrame(tick);
   }
@@ -163,18 +175,11 @@ export function mount(el, spec, bytes) {
   root.addEventListener('focusin', () => addEventListener('keydown', onKey, true));
   root.addEventListener('focusout', () => removeEventListener('keydown', onKey, true));
 
-  // theme: the notebook's own where it tells, else the system's
-  const scheme = matchMedia('(prefers-color-scheme: dark)');
   let dark = false;
-  function setTheme() {
-    const { jpThemeLight, vscodeThemeKind } = document.body.dataset;
-    dark = jpThemeLight ? jpThemeLight === 'false' : vscodeThemeKind ? !/light/.test(vscodeThemeKind) : scheme.matches;
-    root.classList.toggle('dark', dark);
+  const endTheme = onTheme(on => {
+    root.classList.toggle('dark', dark = on);
     redraw();
-  }
-  const themes = new MutationObserver(setTheme);
-  themes.observe(document.body, { attributeFilter: ['data-jp-theme-light', 'data-vscode-theme-kind'] });
-  scheme.addEventListener('change', setTheme);
+  });
 
   // drawing
   let W = 0, H = 0, F = 1, D = 1, ca = 1, sa = 0, ce = 1, se = 0;
@@ -308,11 +313,11 @@ export function mount(el, spec, bytes) {
       g.stroke();
     }
   }
-  function aim(smooth) { // the camera's target, and how far it must stand off to have everybody in sight
+  function aim(smooth) { // the camera's target, and how far off it has everybody in sight
     if (!S.follow && fit) return;
     const tall = Math.max(...cast.map(c => c.body.height));
     const at = cast.map(({ body: { root }, pose: p }) => [p[3 * root], p[3 * root + 2]]);
-    const ends = (x, z) => { // -> middle and half of everybody's extent along (x, z)
+    const ends = (x, z) => { // -> middle and half of the extent along (x, z)
       const all = at.map(p => p[0] * x + p[1] * z), low = Math.min(...all), high = Math.max(...all);
       return [(low + high) / 2, (high - low) / 2];
     };
@@ -410,8 +415,9 @@ export function mount(el, spec, bytes) {
   const size = new ResizeObserver(() => redraw());
   function dispose() {
     setVisible(false);
-    for (const observer of [sight, size, themes]) observer.disconnect();
-    scheme.removeEventListener('change', setTheme);
+    sight.disconnect();
+    size.disconnect();
+    endTheme();
     removeEventListener('keydown', onKey, true);
     shadow.replaceChildren();
   }
@@ -430,7 +436,6 @@ export function mount(el, spec, bytes) {
     draw();
     if (spec.autoplay) setPlaying(true);
   }
-  setTheme();
   faster(0);
   resetView();
   setPlaying(false);

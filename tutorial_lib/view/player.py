@@ -6,26 +6,20 @@ goes a film strip as a picture of its own, for pages in which no script may run.
 
 from __future__ import annotations
 
-import base64
 import functools
-import hashlib
-import html
-import json
 import math
-import os
-import pathlib
 import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from ..atomic import atomic_write
 from ..errors import TutorialError
 from ..motion.clip import Motion
 from . import palette
 from .body import Body, describe, facing, footprints, ground_height
-from .codec import encode_positions
+from .codec import STEP, encode_positions
+from .page import PageOutput, filled_element, page_file
 from .strip import as_motions, as_seed_frames, film_strip_png, one_each
 
 LAYOUTS = ("side by side", "overlay", "as is")
@@ -86,10 +80,11 @@ def show(
     )  # fmt: skip
 
 
-class Player:
+class Player(PageOutput):
     """What ``show`` returns: displays itself in a notebook, ``html`` is its page part, ``save`` writes a page.
 
-    ``spec`` (JSON-able) and ``payload`` (bytes) are what ``mount`` in ``player.js`` takes.
+    ``spec`` (JSON-able) and ``payload`` (bytes) are what ``mount`` in ``player.js`` takes. ``step`` is the
+    payload's resolution in metres (see ``codec``); all else is ``show``'s.
     """
 
     def __init__(
@@ -110,6 +105,7 @@ class Player:
         width: int = 720,
         height: int = 420,
         strip: bool = True,
+        step: float = STEP,
     ):
         self.motions = as_motions(motions)
         count = len(self.motions)
@@ -130,7 +126,7 @@ class Player:
             times = GHOST_TIMES if isinstance(ghosts, bool) else tuple(float(t) for t in ghosts)
         except (TypeError, ValueError):
             raise TutorialError(f"show: ghosts {ghosts!r}, expected True, False or seconds") from None
-        self.strip = strip
+        self.picture = strip
         first = self.motions[0]
         length = max((len(m) - 1) / m.fps for m in self.motions)
         bodies = [describe(m) for m in self.motions]
@@ -142,7 +138,7 @@ class Player:
             "frames": round(length * first.fps) + 1,
             "width": int(width),
             "height": int(height),
-            "style": _file("player.css"),
+            "style": page_file("player.css"),
             "keys": KEYS,
             "start": {
                 "azimuth": _azimuth(first, bodies[0], count),
@@ -167,7 +163,7 @@ class Player:
         for motion, body, label, color, seed, start, spot in zip(
             self.motions, bodies, self.labels, self.colors, self.seed_frames, starts, spots, strict=True
         ):
-            encoded = encode_positions(motion.positions, motion.skeleton.parents)
+            encoded = encode_positions(motion.positions, motion.skeleton.parents, step=step)
             drawn = _body_spec(body, motion.skeleton.parents)
             if drawn not in self.spec["bodies"]:
                 self.spec["bodies"].append(drawn)
@@ -200,52 +196,12 @@ class Player:
     @functools.cached_property
     def html(self) -> str:
         """Self-contained HTML: an element and the script that fills every copy of it on the page."""
-        spec = json.dumps(self.spec, separators=(",", ":")).replace("<", "\\u003c")
-        data = base64.b64encode(self.payload).decode()
-        script = _file("player.js").replace("export function", "function")
-        key = hashlib.sha256(spec.encode() + self.payload).hexdigest()[:16]
-        return (
-            f'<div data-motion-player="{key}">{_HINT}</div>\n<script type="module">\n{script}\n'
-            f"for (const el of document.querySelectorAll('[data-motion-player=\"{key}\"]')) {{\n"
-            f'if (!el.player) mount(el, {spec}, fromBase64("{data}"));\n}}\n</script>'
-        )
-
-    def save(self, path: str | os.PathLike) -> pathlib.Path:
-        """Write a page that stands alone, opens from disk and needs nothing else; whole or not at all."""
-        path = pathlib.Path(path)
-        strip = base64.b64encode(self.png).decode() if self.strip else ""
-        picture = f'<noscript><img alt="{html.escape(self.alt)}" src="data:image/png;base64,{strip}"></noscript>\n'
-        page = (
-            '<!doctype html>\n<html lang="en">\n<meta charset="utf-8">\n'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>{html.escape(self.title)}</title>\n"
-            "<style>:root { color-scheme: light dark } body { margin: 16px; font: 15px system-ui, sans-serif }\n"
-            "[data-motion-player] { display: flow-root }</style>\n"
-            f"{picture if strip else ''}{self.html}\n</html>\n"
-        )
-        try:
-            with atomic_write(path) as temporary:
-                temporary.write_text(page, encoding="utf-8")
-        except OSError as error:
-            raise TutorialError(f"{path}: cannot be written: {error.strerror or error}") from error
-        return path
+        return filled_element("player", "mount", self.spec, self.payload, scripts=["player.js"], hint=_HINT)
 
     @property
     def alt(self) -> str:
         """What the film strip shows, in words."""
         return f"Film strip of {self.title}"
-
-    def _ipython_display_(self) -> None:
-        from IPython.display import display
-
-        if self.strip:  # an output of its own: some pages drop HTML outputs whole
-            picture = base64.b64encode(self.png).decode()
-            display({"image/png": picture, "text/plain": self.alt}, raw=True,
-                    metadata={"image/png": {"alt": self.alt}})  # fmt: skip
-        display({"text/html": self.html, "text/plain": repr(self)}, raw=True)
-
-    def _repr_html_(self) -> str:
-        return self.html
 
     def __repr__(self) -> str:
         return f"<Player: {self.title}>"
@@ -296,10 +252,3 @@ def _body_spec(body: Body, parents: Sequence[int]) -> dict[str, Any]:
         "head": body.head and (*body.head[:2], *(round(v, 4) for v in body.head[2:])),
         "feet": list(body.feet),
     }
-
-
-@functools.cache
-def _file(name: str) -> str:
-    """A file beside this one for the inside of a page: without comment lines and indentation."""
-    lines = (pathlib.Path(__file__).parent / name).read_text(encoding="utf-8").splitlines()
-    return "\n".join(line.strip() for line in lines if line.strip() and not line.strip().startswith(("//", "/*")))

@@ -22,7 +22,7 @@ _LETTER = 0.085  # inches that a character of the smallest text takes
 
 def pose_strip(
     motions: Motion | Sequence[Motion],
-    frames: int | Sequence[int] = 8,
+    frames: int | Sequence[int] | Sequence[Sequence[int]] = 8,
     *,
     labels: Sequence[str] | str | None = None,
     seed_frames: int | Sequence[int] = 0,
@@ -34,7 +34,8 @@ def pose_strip(
     """Poses of one motion or several, one row each, on a ground line, each pose in its own place.
 
     frames: how many, evenly spaced from the first to the last of the longest motion; or which (of the
-        first motion's frame rate; the others are shown at the same seconds, and blank after their end).
+        first motion's frame rate; the others are shown at the same seconds, and blank after their end); or
+        which of each motion, a list of its own frames for each row, as in figure 7 of the acRNN paper.
     labels: a name for each row; seed_frames: frames that were given, drawn in grey (see ``show``).
     colors: ``"#rrggbb"`` for each row; width: of the figure, and row_height: of a row at most, in
         inches; without, a row is as high as the figures are when they fill the width.
@@ -50,12 +51,13 @@ def pose_strip(
     colors = list(colors) if colors is not None else [palette.color(i) for i in range(len(rows))]
     if not len(labels) == len(colors) == len(rows):
         raise TutorialError(f"pose_strip: {len(labels)} labels, {len(colors)} colours, expected {len(rows)} of each")
-    chosen = _frames(rows, frames)
+    chosen, shared = _frames(rows, frames)
+    columns = max(map(len, chosen))
     bodies = [describe(m) for m in rows]
     if azimuth is None:
         azimuth = facing(rows[0], bodies[0]) + 0.6
-    drawn = [[_outlines(m, body, _at(m, f / rows[0].fps), azimuth) for f in chosen]
-             for m, body in zip(rows, bodies, strict=True)]  # fmt: skip
+    drawn = [[_outlines(m, body, f, azimuth) for f in own]
+             for m, body, own in zip(rows, bodies, chosen, strict=True)]  # fmt: skip
 
     poses = [pose for row in drawn for pose in row if pose]
     left, right = _extent(poses, 0)
@@ -64,20 +66,21 @@ def pose_strip(
     cell, low, high = right - left + 0.12 * tall, min(bottom, 0.0) - 0.06 * tall, max(top, tall) + 0.05 * tall
     named = any(labels)
     # in inches: a row is as high as its width asks for, so that nothing is stretched and nothing cut off
-    scale = min(width / (cell * len(chosen)), (row_height or np.inf) / (high - low))
-    cell = width / len(chosen) / scale
+    scale = min(width / (cell * columns), (row_height or np.inf) / (high - low))
+    cell = width / columns / scale
     row_height, foot, head = (high - low) * scale, 0.42, 0.24 if named else 0.04
-    total = len(rows) * (row_height + head) + foot
+    between = 0.0 if shared else foot  # each row with its own numbers
+    total = len(rows) * (row_height + head + between) + foot - between
     figure = NotebookFigure(figsize=(width, total), dpi=100, facecolor="white")
     for i, (row, label, color) in enumerate(zip(drawn, labels, colors, strict=True)):
-        base = total - (i + 1) * (row_height + head)
+        base = total - (i + 1) * (row_height + head) - i * between
         axes = figure.add_axes((0, base / total, 1, row_height / total))
-        axes.set(xlim=(0, cell * len(chosen)), ylim=(low, high))
+        axes.set(xlim=(0, cell * columns), ylim=(low, high))
         axes.axis("off")
         axes.axhline(0, color=_GROUND, linewidth=1.2, zorder=0)
         for k, pose in enumerate(row):
             if pose:
-                seeded = round(chosen[k] / rows[0].fps * rows[i].fps) < seeds[i]
+                seeded = chosen[i][k] < seeds[i]
                 _draw(
                     axes,
                     pose,
@@ -93,11 +96,8 @@ def pose_strip(
                 fontsize=10,
                 weight="bold",
             )
-    long = max(len(f"{f}") for f in chosen) + 6 > width / len(chosen) / _LETTER
-    for k, f in enumerate(chosen):
-        text = f"{'' if long else 'frame '}{f}\n{f / rows[0].fps:.2f} s"
-        figure.text((k + 0.5) / len(chosen), 0.39 / total, text, ha="center", va="top", fontsize=8, color=_TEXT,
-                    linespacing=1.25)  # fmt: skip
+        if not shared or i == len(rows) - 1:
+            _number(figure, shared or chosen[i], rows[0 if shared else i].fps, columns, (base - 0.03) / total)
     return figure
 
 
@@ -153,7 +153,35 @@ def one_each(values: Sequence, count: int, what: str) -> list:
     return values
 
 
-def _frames(rows: Sequence[Motion], frames: int | Sequence[int]) -> list[int]:
+def _number(figure: NotebookFigure, frames: Sequence[int], fps: float, columns: int, y: float) -> None:
+    """Frame numbers and seconds below a row."""
+    long = max(len(f"{f}") for f in frames) + 6 > figure.get_figwidth() / columns / _LETTER
+    for k, f in enumerate(frames):
+        text = f"{'' if long else 'frame '}{f}\n{f / fps:.2f} s"
+        figure.text((k + 0.5) / columns, y, text, ha="center", va="top", fontsize=8, color=_TEXT,
+                    linespacing=1.25)  # fmt: skip
+
+
+def _frames(
+    rows: Sequence[Motion], frames: int | Sequence[int] | Sequence[Sequence[int]]
+) -> tuple[list[list[int | None]], list[int]]:
+    """Each row's own frames (None after its end), and those of the first that all share, if they share them."""
+    if not isinstance(frames, (int, np.integer)) and any(np.ndim(f) for f in frames):
+        if len(frames) != len(rows) or not all(np.ndim(f) == 1 and len(f) for f in frames):
+            raise TutorialError(
+                f"pose_strip: {len(frames)} lists of frames, expected one, not empty, for each of {len(rows)} rows"
+            )
+        each = [[int(f) for f in own] for own in frames]
+        for i, own in enumerate(each):
+            for f in own:
+                if not 0 <= f < len(rows[i]):
+                    raise TutorialError(f"pose_strip: frame {f} of row {i}, expected 0 to {len(rows[i]) - 1}")
+        return each, []
+    shared = _shared_frames(rows, frames)
+    return [[_at(m, f / rows[0].fps) for f in shared] for m in rows], shared
+
+
+def _shared_frames(rows: Sequence[Motion], frames: int | Sequence[int]) -> list[int]:
     last = round(max((len(m) - 1) / m.fps for m in rows) * rows[0].fps)
     if isinstance(frames, (int, np.integer)):
         if frames < 1:
