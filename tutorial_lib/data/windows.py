@@ -139,10 +139,13 @@ class WindowSampler:
     rotate: turn each window about the vertical by a random angle, before it is encoded.
     normalizer: applied to what ``sample`` returns.
     seed: an integer, or a ``numpy.random.Generator`` to draw from.
+    groups: for each clip the number of the data set that it is from. Each data set is then drawn from equally often,
+        however long it is; by default all clips are one.
 
-    Every start of a window is equally likely (between frame rates, in proportion to seconds). Clips too short
-    for any window are left out with one warning.
-    Raises ``DataError`` where no clip is long enough, ``MotionError`` where a clip does not fit the representation.
+    Every start of a window in a group is equally likely (between frame rates, in proportion to seconds). Clips too
+    short for any window are left out with one warning.
+    Raises ``DataError`` where no clip of a group is long enough, ``MotionError`` where a clip does not fit the
+    representation.
     """
 
     def __init__(
@@ -156,6 +159,7 @@ class WindowSampler:
         rotate: bool = True,
         normalizer: Normalizer | None = None,
         seed: int | np.random.Generator = 0,
+        groups: Sequence[int] | None = None,
     ):
         if length < 1 or batch < 1:
             raise DataError(f"windows of {length} frames in batches of {batch}: expected at least 1 of each")
@@ -170,12 +174,16 @@ class WindowSampler:
         self.representation, self.normalizer = representation, normalizer
         self.length, self.batch, self.rotate, self.rates = int(length), int(batch), bool(rotate), tuple(rates)
         self.rng = np.random.default_rng(seed)
-        self._gather(list(motions))
+        motions = list(motions)
+        groups = [0] * len(motions) if groups is None else list(groups)
+        if len(groups) != len(motions):
+            raise DataError(f"groups of {len(groups)} clips for {len(motions)} clips")
+        self._gather(motions, groups)
 
-    def _gather(self, motions: list[Motion]) -> None:
+    def _gather(self, motions: list[Motion], groups: list[int]) -> None:
         """All clips behind each other in one buffer, and a table of where windows may start in it."""
         positions, rotations, table, too_short, size = [], [], [], [], 0
-        for motion in motions:
+        for motion, group in zip(motions, groups, strict=True):
             self.representation.check_skeleton(motion)
             rows_before, stored = len(table), {}
             for rate in self.rates:
@@ -191,11 +199,14 @@ class WindowSampler:
                     positions.append(torch.tensor(clip.positions[:, where], dtype=torch.float32))
                     if self.representation.uses_rotations:
                         rotations.append(torch.tensor(clip.rotations, dtype=torch.float32))
-                table.append((stored[clip.fps], starts, stride, starts / clip.fps))
+                table.append((stored[clip.fps], starts, stride, starts / clip.fps, group))
             if len(table) == rows_before:
                 too_short.append(motion)
-        if not table:
-            raise DataError(_too_short(motions, self.length, max(self.rates)))
+        drawn_from = {row[-1] for row in table}
+        for group in dict.fromkeys(groups) or [None]:
+            if group not in drawn_from:
+                lacking = [m for m, g in zip(motions, groups, strict=True) if g == group]
+                raise DataError(_too_short(lacking, self.length, max(self.rates)))
         if too_short:
             names = ", ".join(repr(m.name) for m in too_short[:5]) + (", ..." if len(too_short) > 5 else "")
             warnings.warn(
@@ -205,8 +216,11 @@ class WindowSampler:
             )
         self._positions = torch.cat(positions)
         self._rotations = torch.cat(rotations) if rotations else None
-        offsets, starts, strides, seconds = zip(*table, strict=True)
-        self._offsets, self._starts, self._strides = (np.array(v) for v in (offsets, starts, strides))
+        offsets, starts, strides, seconds, of = (np.array(column) for column in zip(*table, strict=True))
+        self._offsets, self._starts, self._strides = offsets, starts, strides
+        if len(drawn_from) > 1:
+            for group in drawn_from:
+                seconds[of == group] /= seconds[of == group].sum()
         self._cumulative = np.cumsum(seconds) / np.sum(seconds)
 
     @property

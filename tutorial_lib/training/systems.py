@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import difflib
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -16,8 +17,8 @@ import torch
 from torch import Tensor, nn
 
 from ..errors import CheckpointError, TutorialError
-from ..models.recurrent import LSTM3LR, LSTM3LRConfig
-from .conditioning import auto_conditioning, check_decay, scheduled_sampling, truth_probability
+from ..models.recurrent import ERD, LSTM3LR, ERDConfig, LSTM3LRConfig, Seq2Seq, Seq2SeqConfig
+from .conditioning import auto_conditioning, check_decay, scheduled_sampling, seed_only, truth_probability
 from .rollout import rollout
 
 LossFunction = Callable[..., Any]
@@ -94,6 +95,76 @@ class ScheduledSamplingLoss:
 
 
 @dataclasses.dataclass(frozen=True)
+class NoisyInputLoss:
+    """Equation 1 with Gaussian noise on the frames that are fed, the targets being clean: the ERD.
+
+    Fragkiadaki et al. (2015), section 3: noise of growing strength teaches the network to come back from its own
+    mistakes. Here its standard deviation, in the units of the features, rises in a straight line from 0 at the
+    first step to ``noise`` at the last. The acRNN paper mentions no noise for its ERD, so the default is none:
+    :func:`next_frame_loss` itself.
+    """
+
+    noise: float = 0.0
+
+    def __post_init__(self):
+        if isinstance(self.noise, bool) or not isinstance(self.noise, (int, float)) or not 0 <= self.noise < math.inf:
+            raise TutorialError(f"the noise is a standard deviation of 0 or more, not {self.noise!r}")
+
+    def __call__(
+        self, model: nn.Module, batch: Tensor, rng: torch.Generator | None = None, progress: float = 0.0
+    ) -> Tensor:
+        if self.noise == 0:
+            return next_frame_loss(model, batch)
+        noise = torch.randn(batch[:, :-1].shape, generator=rng, dtype=batch.dtype)  # on the CPU, where rng is
+        prediction, _ = model(batch[:, :-1] + self.noise * progress * noise.to(batch.device))  # (B, T-1, D)
+        distance = (prediction - batch[:, 1:]).square().sum(dim=-1)  # (B, T-1)
+        return distance.mean()
+
+
+@dataclasses.dataclass(frozen=True)
+class Seq2SeqLoss:
+    r"""The sampling-based loss: truth for ``n_seed`` frames, own output for ``n_future``, measured on those alone.
+
+    .. math:: L = \frac{1}{N} \sum_{k=1}^{N} \| y_{S-1+k} - x_{S+k} \|_2^2, \qquad S = n_{seed}, \; N = n_{future}
+
+    Martinez et al. (2017), section 3: at each training step the decoder is fed what it put out before, as it will be
+    at synthesis, and the error is taken on its frames, not on the encoder's. There 50 frames are shown
+    and 25 predicted (2 s and 1 s). The distance is that of equation 1 of the acRNN paper, so that the losses
+    of all systems are in one unit.
+
+    Of longer windows the first ``n_seed + n_future`` frames are used; shorter ones raise :class:`TutorialError`.
+    """
+
+    n_seed: int = 50
+    n_future: int = 25
+
+    def __post_init__(self):
+        for name in ("n_seed", "n_future"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+                raise TutorialError(f"seq2seq: {name} must be a whole number of 1 or more, not {value!r}")
+
+    @property
+    def least_length(self) -> int:
+        """The frames that a window must have."""
+        return self.n_seed + self.n_future
+
+    def __call__(
+        self, model: nn.Module, batch: Tensor, rng: torch.Generator | None = None, progress: float = 0.0
+    ) -> Tensor:
+        if batch.shape[1] < self.least_length:
+            raise TutorialError(
+                f"seq2seq reads windows of {self.least_length} frames (n_seed {self.n_seed} + n_future "
+                f"{self.n_future}), these have {batch.shape[1]}"
+            )
+        x = batch[:, : self.least_length]
+        schedule = seed_only(self.least_length - 1, self.n_seed)
+        prediction, _ = rollout(model, x[:, :-1], schedule)  # (B, n_seed + n_future - 1, D)
+        distance = (prediction - x[:, 1:]).square().sum(dim=-1)[:, self.n_seed - 1 :]  # (B, n_future)
+        return distance.mean()
+
+
+@dataclasses.dataclass(frozen=True)
 class SystemKind:
     """What a name such as "lstm" stands for.
 
@@ -127,8 +198,20 @@ SYSTEMS: dict[str, SystemKind] = {
         LSTM3LRConfig,
         AutoConditionedLoss,
     ),
+    "erd": SystemKind(
+        "encoder, recurrent layers and decoder (ERD, Fragkiadaki et al.), fed the truth, with noise if asked for",
+        ERD,
+        ERDConfig,
+        NoisyInputLoss,
+    ),
+    "seq2seq": SystemKind(
+        "residual GRU with sampling-based loss (Martinez et al.): shown a seed, measured on what it makes of it",
+        Seq2Seq,
+        Seq2SeqConfig,
+        Seq2SeqLoss,
+    ),
     "scheduled-sampling": SystemKind(
-        "the same network, fed the truth or its own output at random (Bengio et al.)",
+        "the network of lstm, fed the truth or its own output at random (Bengio et al.)",
         LSTM3LR,
         LSTM3LRConfig,
         ScheduledSamplingLoss,
@@ -163,7 +246,8 @@ def make_system(name: str, dim: int, *, seed: int = 0, **values) -> System:
     """A fresh system for frames of ``dim`` numbers.
 
     ``values`` are sizes of the network (``hidden``, ``layers``) and the system's own options ("aclstm": ``u``,
-    ``v``; "scheduled-sampling": ``probability``, ``decay``). The weights are drawn from ``seed``; torch's
+    ``v``; "erd": ``noise``; "seq2seq": ``n_seed``, ``n_future``; "scheduled-sampling": ``probability``, ``decay``).
+    The weights are drawn from ``seed``; torch's
     global generator is put back as it was.
     """
     kind = system_kind(name)

@@ -1,0 +1,350 @@
+"""Recipes: everything that decides what a training run gives, in one small value; and the run itself from it.
+
+>>> recipe = Recipe("aclstm", ("cmu/salsa", "cmu/indian"), steps=10_000, options={"u": 5, "v": 5})
+>>> trainer = trainer_for(recipe, "hybrid.safetensors")     # new, resumed or finished, as the file says
+>>> trainer.run()
+
+The ``train`` command is this and a parser. It takes its defaults from here, also for its help, so torch is
+imported by the functions that need it and not with the module.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import pathlib
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .errors import CheckpointError, DataError, MotionError, TutorialError
+
+if TYPE_CHECKING:
+    from .motion.clip import Motion
+    from .motion.skeleton import Skeleton
+    from .training.checkpoints import Checkpoint
+    from .training.trainer import Trainer
+
+NORMALIZE = ("auto", "on", "off")
+JOINTS = ("own", "common")
+JOINED_SECONDS = 600.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Recipe:
+    """All that decides what a training run gives: two runs of one recipe give the same weights.
+
+    (On the CPU bit for bit, with the same number of threads.) The defaults are for a CPU's minutes; the acRNN
+    paper has 1024 cells and 500,000 steps at a constant rate of 1e-4.
+
+    Everything is checked when the value is made: a :class:`TutorialError` in one line says what cannot be.
+    """
+
+    system: str  # name in tutorial_lib.training.systems.SYSTEMS
+    data: tuple[str, ...]  # data sets, or folders or files; several: hybrid training on all of them together
+    representation: str = "positions"
+    fps: float = 30.0
+    height: float | None = 1.54  # metres that every skeleton is scaled to; None (or 0) leaves it
+    length: int = 100  # frames in a training window
+    batch: int = 32  # windows in a step
+    rates: tuple[float, ...] | None = None  # frame rates at which windows are taken; None: fps
+    rotate: bool = True  # windows are turned about the vertical at random
+    normalize: str = "auto"  # "on", "off", or "auto": all but positions, which the paper takes in metres
+    test_fraction: float = 0.2  # share of each data set's clips that is kept out; 0: none
+    joints: str = "own"  # "common": every clip is mapped to the 21 common joints first
+    join: float = 0.0  # seconds of blending between training clips that follow one another without end; 0: each ends
+    hidden: int = 128
+    layers: int | None = None  # None: as many as the system has by default (LSTM-3LR 3, ERD 2, seq2seq 1)
+    steps: int = 2500
+    learning_rate: float = 2e-3
+    schedule: str = "one-cycle"
+    clip: float | None = 1.0
+    seed: int = 0  # of weights, windows and the split into training and test clips
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)  # the system's own: u, v, ...
+
+    def __post_init__(self):
+        from .representations import REPRESENTATIONS
+        from .training.systems import system_kind
+        from .training.trainer import TrainingConfig
+
+        kind = system_kind(self.system)
+        for name in self.options:
+            if name not in kind.options:
+                known = f"it has {', '.join(kind.options)}" if kind.options else "it has none"
+                raise TutorialError(f"{name!r} is not an option of system {self.system!r}; {known}")
+        sizes = {field.name: field.default for field in dataclasses.fields(kind.config)}
+        self._set("data", (self.data,) if isinstance(self.data, str) else tuple(self.data))
+        self._set("rates", None if self.rates is None else tuple(self.rates))
+        self._set("height", self.height or None)
+        self._set("layers", sizes["layers"] if self.layers is None else self.layers)
+        self._set("options", {**kind.options, **self.options})
+
+        if not self.data or not all(isinstance(name, str) and name.strip() for name in self.data):
+            raise TutorialError(f"a recipe needs the name of at least one data set, not {list(self.data)}")
+        for k, name in enumerate(self.data):
+            if name in self.data[:k]:
+                raise TutorialError(f"the data set {name!r} is given twice; each has the same share of the windows")
+        _one_of("representation", self.representation, tuple(REPRESENTATIONS))
+        _one_of("normalize", self.normalize, NORMALIZE)
+        _one_of("joints", self.joints, JOINTS)
+        for name, rate in (("fps", self.fps), *(("rate", rate) for rate in self.rates or ())):
+            if not (rate > 0 and math.isfinite(rate)):
+                raise TutorialError(f"{name} must be above 0 and finite, not {rate!r}")
+        if self.rates == ():
+            raise TutorialError("rates must have one frame rate or more, or be None")
+        if self.height is not None and not 0.1 <= self.height <= 10:
+            raise TutorialError(f"the height must be between 0.1 and 10 metres, or None, not {self.height!r}")
+        if not 0 <= self.test_fraction < 1:
+            raise DataError(f"test fraction {self.test_fraction}: expected a number between 0 and 1")
+        if not 0 <= self.join <= 10:
+            raise TutorialError(f"join must be between 0 and 10 seconds, not {self.join!r}")
+        for name, least in (("length", 2), ("batch", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or value < least:
+                raise TutorialError(f"{name} must be a whole number of {least} or more, not {value!r}")
+        kind.config(dim=1, hidden=self.hidden, layers=self.layers)
+        TrainingConfig(**self._only(TrainingConfig))
+        if kind.options:
+            least = getattr(kind.loss(**self.options), "least_length", 2)
+            if self.length < least:
+                raise TutorialError(
+                    f"system {self.system!r} needs windows of {least} frames with its options "
+                    f"({', '.join(f'{k} {v}' for k, v in self.options.items())}), the length is {self.length}"
+                )
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+    def _only(self, kind: type) -> dict[str, Any]:
+        """Those values that the dataclass ``kind`` has as well."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(kind)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it, the system's options beside the rest: what a checkpoint's header holds."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        options = values.pop("options")
+        return {name: list(v) if isinstance(v, tuple) else v for name, v in {**values, **options}.items()}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Recipe:
+        """The inverse of :meth:`to_dict`; what is missing has its default. Other names raise ``TutorialError``."""
+        from .training.systems import system_kind
+
+        for name in ("system", "data"):
+            if not values.get(name):
+                raise TutorialError(f"a recipe without {name!r}")
+        options = system_kind(values["system"]).options
+        fields = [field.name for field in dataclasses.fields(cls) if field.name != "options"]
+        for name in values:
+            if name not in fields and name not in options:
+                raise TutorialError(f"a recipe of system {values['system']!r} has no {name!r}")
+        return cls(
+            **{name: values[name] for name in fields if name in values},
+            options={name: values[name] for name in options if name in values},
+        )
+
+
+def _one_of(name: str, value: str, known: Sequence[str]) -> None:
+    if value not in known:
+        raise TutorialError(f"unknown {name} {value!r}: expected one of {', '.join(known)}")
+
+
+def recipe_in(header: Mapping[str, Any]) -> Recipe:
+    """The recipe of the run that a checkpoint is from; ``header`` as ``read_header`` gives it.
+
+    Also of files that were written when a run had one data set, whose ``data`` is a plain name.
+    Raises :class:`CheckpointError` if the header does not tell.
+    """
+    from .training.systems import system_kind
+
+    stored = {**header["training"], **header["model"], "system": header["system"]}
+    names = [field.name for field in dataclasses.fields(Recipe)]
+    names += system_kind(header["system"], CheckpointError).options
+    try:
+        return Recipe.from_dict({name: stored[name] for name in names if name in stored})
+    except (TutorialError, TypeError) as error:
+        raise CheckpointError(f"the header does not tell how it was trained ({error})") from None
+
+
+def differences(asked: Recipe, there: Recipe) -> dict[str, tuple[Any, Any]]:
+    """What two recipes do not have in common: {name: (asked, there)}, the system first."""
+    one, other = asked.to_dict(), there.to_dict()
+    names = dict.fromkeys(("system", *one, *other))
+    return {name: (one.get(name), other.get(name)) for name in names if one.get(name) != other.get(name)}
+
+
+# --- data -----------------------------------------------------------------------------------------
+
+
+def load_clips(name: str) -> list[Motion]:
+    """A named data set, or motion files of the user's own; sorted by name.
+
+    Raises :class:`DataError` for a name that is neither, a data set not at hand or a folder without motion files.
+    """
+    from . import data
+    from .data.catalog import motion_files, read_clip
+
+    path = pathlib.Path(name)
+    if name in data.names() or not path.exists():
+        return data.load(name)
+    files = motion_files(path) if path.is_dir() else [path]
+    if not files:
+        raise DataError(f"{name}: the folder holds no motion file, expected .bvh, or .amc with its .asf")
+    # named as the catalogue would, folder and file, so that a clip is known again however it was asked for
+    root = (path if path.is_dir() else path.parent).resolve().parent
+    return [read_clip(file).with_name(file.resolve().relative_to(root).with_suffix("").as_posix()) for file in files]
+
+
+def sets_of(recipe: Recipe) -> list[tuple[list[Motion], list[Motion]]]:
+    """For each data set of the recipe its (training clips, test clips), on the ground and as tall as asked for.
+
+    A data set of a single clip is trained on whole, with a warning. Raises :class:`DataError` for data that is not
+    at hand, :class:`MotionError` for data sets of different skeletons, or of one that has no common joints.
+    """
+    from .data.windows import split_clips
+    from .generate import prepare
+    from .motion.retarget import to_common
+
+    loaded = [load_clips(name) for name in recipe.data]
+    if recipe.joints == "common":
+        loaded = [[to_common(motion) for motion in motions] for motions in loaded]
+    for name, motions in zip(recipe.data[1:], loaded[1:], strict=True):
+        _check_same_skeleton(recipe.data[0], loaded[0][0].skeleton, name, motions[0].skeleton)
+    sets = []
+    for name, motions in zip(recipe.data, loaded, strict=True):
+        motions = prepare(motions, height=recipe.height)
+        train, test = motions, []
+        if recipe.test_fraction > 0:
+            if len(motions) > 1:
+                train, test = split_clips(motions, recipe.test_fraction, recipe.seed)
+            else:
+                of = f"{name}: " if len(recipe.data) > 1 else ""
+                warnings.warn(f"{of}a single clip, trained on whole: nothing is kept out for evaluation", stacklevel=2)
+        sets.append((train, test))
+    return sets
+
+
+def _check_same_skeleton(name: str, one: Skeleton, other_name: str, other: Skeleton) -> None:
+    if one.same_tree(other):
+        return
+    mine, theirs = (next((n for n in a.names if n not in b.names), None) for a, b in ((one, other), (other, one)))
+    raise MotionError(
+        f"data sets of different skeletons: {name} has {one.n_joints} nodes{f', {mine} among them' if mine else ''}, "
+        f"{other_name} has {other.n_joints}{f', {theirs} among them' if theirs else ''}; "
+        "joints 'common' (--joints common) maps both to the same 21"
+    )
+
+
+def clips_of(recipe: Recipe) -> tuple[list[Motion], list[Motion]]:
+    """(Training clips, test clips) of all data sets of a recipe, split in each of them: :func:`sets_of` in one."""
+    sets = sets_of(recipe)
+    return [m for train, _ in sets for m in train], [m for _, test in sets for m in test]
+
+
+# --- training -------------------------------------------------------------------------------------
+
+
+def trainer_for(
+    recipe: Recipe,
+    path: str | os.PathLike | None = None,
+    *,
+    device: str = "cpu",
+    save_seconds: float = 60.0,
+    command: str | None = None,
+    resume: bool = True,
+    sets: Sequence[tuple[list[Motion], list[Motion]]] | None = None,
+) -> Trainer:
+    """The trainer of a recipe, at the step where the run in ``path`` is.
+
+    Parameters
+    ----------
+    path : the checkpoint of the run. If it is not there the run is new; an unfinished run of this recipe is
+        resumed; of a finished one the weights are loaded (without the history of its loss), and ``finished`` is
+        true. ``None``: nothing is written.
+    device, save_seconds : as :class:`Trainer` has them.
+    command : kept as the run's origin.
+    resume : false starts anew; a file in ``path`` is then replaced at the first save.
+    sets : what :func:`sets_of` gave for this recipe, if it is at hand, to spare reading the clips again.
+
+    With several data sets each gives the same share of the windows, whatever its length: in proportion to seconds
+    the longest would drown the others.
+
+    Raises :class:`CheckpointError` if ``path`` holds a run of another recipe or of other clips, or one that
+    stopped for good; :class:`DataError` and :class:`MotionError` as :func:`sets_of`.
+    """
+    from .data.windows import Normalizer, WindowSampler
+    from .representations import make_representation
+    from .training.checkpoints import load_checkpoint, provenance, read_header
+    from .training.systems import make_system
+    from .training.trainer import Trainer, TrainingConfig
+
+    there: Checkpoint | None = None
+    if resume and path is not None and os.path.exists(path):
+        header = read_header(path)
+        for name, (asked, stored) in differences(recipe, _recipe_at(path, header)).items():
+            raise CheckpointError(f"{path}: holds a run with {name} {stored!r}, asked for {asked!r}")
+        status = header["training"].get("status", "status unknown")
+        if not header["resumable"] and status != "finished":
+            raise CheckpointError(f"{path}: cannot be resumed, {status}")
+        there = load_checkpoint(path)
+
+    sets = sets_of(recipe) if sets is None else sets
+    train, test = [m for part, _ in sets for m in part], [m for _, part in sets for m in part]
+    names = [motion.name for motion in train]
+    settings = {name: v for name, v in recipe.to_dict().items() if name not in ("system", "hidden", "layers")}
+    if there is None:
+        representation, normalizer = make_representation(recipe.representation, train[0].skeleton, recipe.fps), None
+        told = provenance(
+            recipe.data[0] if len(recipe.data) == 1 else list(recipe.data),
+            names, command, test_clips=[motion.name for motion in test],
+        )  # fmt: skip
+    else:
+        representation, normalizer, told = there.representation, there.normalizer, there.provenance
+        settings = {name: there.training[name] for name in settings if name in there.training}  # as it has them
+        if names != told.get("clips"):
+            raise CheckpointError(
+                f"{path}: was started on {len(told.get('clips') or ())} clips of {' + '.join(recipe.data)}, "
+                f"now there are other ones ({len(train)} to train on)"
+            )
+
+    shown = [_one_after_another(part, recipe) if recipe.join else part for part, _ in sets]
+    train = [motion for part in shown for motion in part]
+    window = {
+        "length": recipe.length, "batch": recipe.batch, "rates": recipe.rates, "rotate": recipe.rotate,
+        "seed": recipe.seed, "groups": [k for k, part in enumerate(shown) for _ in part],
+    }  # fmt: skip
+    wanted = recipe.normalize == "on" or (recipe.normalize == "auto" and representation.name != "positions")
+    if wanted and normalizer is None:  # on drawn windows, so that the random turns are in the statistics
+        drawn = WindowSampler(train, representation, **window)
+        normalizer = Normalizer.fit(drawn.sample() for _ in range(max(1, 2000 // recipe.batch)))
+    batches = WindowSampler(train, representation, normalizer=normalizer, **window)
+    system = make_system(
+        recipe.system, representation.dim, seed=recipe.seed, hidden=recipe.hidden, layers=recipe.layers,
+        **recipe.options,
+    )  # fmt: skip
+    trainer = Trainer(
+        system, batches, TrainingConfig(**recipe._only(TrainingConfig)),
+        path=path, device=device, save_seconds=save_seconds, settings=settings, provenance=told,
+    )  # fmt: skip
+    if there is not None and header["resumable"]:
+        trainer.resume()
+    elif there is not None:
+        trainer.model.load_state_dict(there.model.state_dict())
+        trainer.step, trainer.seconds = recipe.steps, float(there.training.get("seconds", 0.0))
+    return trainer
+
+
+def _one_after_another(clips: Sequence[Motion], recipe: Recipe) -> list[Motion]:
+    """The clips as one that goes on and on, twice through or more, for ``JOINED_SECONDS`` at least."""
+    from .motion.join import playlist
+
+    seconds = max(JOINED_SECONDS, 2 * sum(clip.duration for clip in clips))
+    return [playlist(clips, seconds=seconds, blend=recipe.join, seed=recipe.seed)]
+
+
+def _recipe_at(path: str | os.PathLike, header: Mapping[str, Any]) -> Recipe:
+    try:
+        return recipe_in(header)
+    except CheckpointError as error:
+        raise CheckpointError(f"{path}: {error}") from None
