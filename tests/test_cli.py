@@ -76,7 +76,9 @@ def fails(capsys):
         except SystemExit as end:  # argparse
             status = end.code
         out, err = capsys.readouterr()
-        lines = [line for line in err.splitlines() if not line.startswith(("note:", "lstm:", "generating:"))]
+        lines = [
+            line for line in err.splitlines() if not line.startswith(("note:", "lstm:", "generating:", "writing:"))
+        ]
         assert status == 2 and len(lines) == 1 and lines[0].startswith("error: "), (status, err)
         assert "Traceback" not in out + err
         return lines[0]
@@ -301,19 +303,48 @@ def test_resume_starts_what_is_not_there(clips, tmp_path):
             ["--probability", "0.3", "--decay", "inverse-sigmoid"],
             {"probability": 0.3, "decay": "inverse-sigmoid"},
         ),
+        ("erd", ["--noise", "0.02"], {"noise": 0.02}),
+        ("seq2seq", ["--n-seed", "9", "--n-future", "4"], {"n_seed": 9, "n_future": 4}),
     ],
 )
-def test_other_schedules_are_trained_and_told_in_the_file(system, options, kept, clips, tmp_path, trained, capsys):
+def test_other_systems_are_trained_and_told_in_the_file(system, options, kept, clips, tmp_path, trained, capsys):
     out = tmp_path / "x.safetensors"
     assert main(["train", system, "--data", str(clips), "--out", str(out), *FAST, *options]) == 0
     checkpoint = load_checkpoint(out)
     assert checkpoint.system == system and kept.items() <= checkpoint.training.items()
-    vanilla = load_checkpoint(trained)  # the same beginning, the same windows, and yet another network
-    assert not torch.equal(checkpoint.model.readout.weight, vanilla.model.readout.weight)
+    vanilla = load_checkpoint(trained).model.state_dict()  # the same beginning, the same windows, yet another network
+    ours = checkpoint.model.state_dict()
+    assert ours.keys() != vanilla.keys() or not torch.equal(ours["readout.weight"], vanilla["readout.weight"])
     assert main(["generate", str(out), "--frames", "5", "-o", str(tmp_path / "made")]) == 0
     capsys.readouterr()
     assert main(["info", str(out)]) == 0
     assert f"{system} (dim 27, hidden 6, layers 2" in capsys.readouterr().out
+
+
+def test_hybrid_training_is_told_and_resumed(clips, tmp_path, capsys, fails, monkeypatch):
+    other, out = tmp_path / "other", tmp_path / "x.safetensors"
+    other.mkdir()
+    for k in range(2):
+        write_bvh(swing(60, 10 + k), other / f"swing{k}.bvh")
+    command = ["train", "seq2seq", "--data", str(clips), str(other), "--out", str(out), *FAST]
+    command += ["--n-seed", "5", "--n-future", "3"]
+    run = Trainer.run
+    monkeypatch.setattr(Trainer, "run", lambda self: run(self, max_seconds=0.0))
+    assert main(command) == 130
+    monkeypatch.undo()
+    assert "holds a run with data" in fails("train", "seq2seq", "--data", clips, "--out", out, "--resume")
+    assert "holds a run with n_seed 5, asked for 6; leave --n-seed" in fails(*command, "--n-seed", "6", "--resume")
+    assert main(["train", "seq2seq", "--data", str(clips), str(other), "--out", str(out), "--resume"]) == 0
+    assert f"{clips} + {other}: 4 clips to train on" in capsys.readouterr().out
+    origin = load_checkpoint(out).provenance
+    assert origin["data"] == [str(clips), str(other)]
+    assert sorted(origin["clips"] + origin["test_clips"]) == sorted(
+        [f"{clips.name}/swing{k}" for k in range(4)] + [f"other/swing{k}" for k in range(2)]
+    )
+    assert {name.split("/")[0] for name in origin["test_clips"]} == {clips.name, "other"}
+    assert main(["info", str(out)]) == 0
+    assert f"{clips} + {other}, 4 clips" in capsys.readouterr().out
+    assert main(["generate", str(out), "--frames", "3", "-o", str(tmp_path / "made")]) == 0  # seeds from both
 
 
 def test_a_schedule_is_resumed_as_it_was(clips, tmp_path, fails, monkeypatch):
@@ -372,6 +403,15 @@ def test_wrong_training_arguments(clips, tmp_path, fails):
     assert "exponential decay ends at a probability above 0" in train(
         "--probability", "0", "--decay", "exponential", system="scheduled-sampling"
     )
+    assert "--n-seed is not for system 'erd'" in train("--n-seed", "3", system="erd")
+    assert "number of 0 or more, not '-1'" in train("--noise", "-1", system="erd")
+    told = train(system="seq2seq")
+    assert "needs windows of 75 frames" in told and "n_seed 50, n_future 25" in told and "the length is 20" in told
+    assert "is given twice" in fails("train", "lstm", "--data", clips, clips, "--out", out, *FAST)
+    told = fails("train", "lstm", "--data", clips, "samples/walking", "--out", out, *FAST)
+    assert "different skeletons" in told and "9 nodes" in told and "24" in told and "--joints common" in told
+    told = fails("train", "lstm", "--data", clips, "--out", out, *FAST, "--joints", "common")
+    assert "unknown skeleton (hips, spine" in told
     assert "cannot compute on device 'toaster'" in train("--device", "toaster")
     assert "unrecognized arguments: --hiden" in train("--hiden", "3")
     assert "between 0 and 1" in train("--test-fraction", "1.5")

@@ -19,12 +19,14 @@ FLOORS = (
     {"errors", "atomic"},
     {"motion"},
     {"representations", "metrics", "models"},
-    {"data"},
+    {"data", "cleanup"},
     {"training"},
     {"generate"},
-    {"evaluate"},
+    {"evaluate", "recipes"},
+    {"pretrained"},
     {"view"},
-    {"cli", "reproduce"},
+    {"reproduce"},
+    {"cli"},
     {"__main__"},
 )
 # A player shows motions: it knows what a motion is and how it is measured, not how one is learned.

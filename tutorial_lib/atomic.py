@@ -21,8 +21,10 @@ def atomic_write(path: str | os.PathLike) -> Iterator[pathlib.Path]:
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}.tmp")
     # not by ``mkstemp``, whose files only their owner reads: a result should be readable as usual
     os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    mode = temporary.stat().st_mode & 0o777
     try:
         yield temporary
+        os.chmod(temporary, mode)  # whoever wrote may have put a file of its own there, as safetensors does
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""The command line: ``python -m tutorial_lib info | view | data | train | generate | evaluate | benchmark``.
+"""The command line: ``python -m tutorial_lib COMMAND``; ``--help`` lists the commands.
 
 What a user can get wrong ends in one line, ``error: ...``, and exit status 2; Ctrl-C in 130. Results
 are written whole or not at all. What is heavy to import (torch, matplotlib) is imported by the command that
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import errno
 import json
 import os
@@ -23,6 +24,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from .errors import CheckpointError, DataError, TutorialError
+from .recipes import JOINTS, NORMALIZE, Recipe
 
 if TYPE_CHECKING:
     from .motion.clip import Motion
@@ -30,25 +32,6 @@ if TYPE_CHECKING:
 
 PROGRAM = "python -m tutorial_lib"
 
-# What a training run is made of; a resumed one takes these from its file. 128 cells are for a CPU's minutes.
-TRAIN_DEFAULTS: dict[str, Any] = {
-    "representation": "positions",
-    "fps": 30.0,
-    "height": 1.54,
-    "length": 100,
-    "batch": 32,
-    "rates": None,
-    "rotate": True,
-    "normalize": "auto",
-    "test_fraction": 0.2,
-    "hidden": 128,
-    "layers": 3,
-    "steps": 2500,
-    "learning_rate": 2e-3,
-    "schedule": "one-cycle",
-    "clip": 1.0,
-    "seed": 0,
-}
 # No run on one computer needs more; what is above is a slip of the keyboard, told before memory runs out.
 MOST = {
     "hidden": 16_384,
@@ -64,7 +47,7 @@ MOST = {
     "repeats": 10_000,
 }
 # What some systems have besides, with defaults of their own (see training/systems.py).
-SYSTEM_OPTIONS = ("u", "v", "probability", "decay")
+SYSTEM_OPTIONS = ("u", "v", "probability", "decay", "noise", "n_seed", "n_future")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -175,8 +158,16 @@ def _parser() -> argparse.ArgumentParser:
         "train lstm --data samples/walking --out walk.safetensors --steps 2500",
         argument_default=argparse.SUPPRESS,
     )
-    train.add_argument("system", metavar="SYSTEM", help="what to train: lstm, aclstm or scheduled-sampling")
-    train.add_argument("--data", required=True, metavar="NAME", help=own_data)
+    train.add_argument(
+        "system", metavar="SYSTEM", help="what to train: lstm, aclstm, erd, seq2seq or scheduled-sampling"
+    )
+    train.add_argument(
+        "--data",
+        required=True,
+        nargs="+",
+        metavar="NAME",
+        help=own_data + "; several are learnt together (hybrid), each giving the same share of the windows",
+    )
     train.add_argument("--out", required=True, metavar="FILE", help="the checkpoint to write (.safetensors)")
     train.add_argument(
         "--resume",
@@ -187,7 +178,7 @@ def _parser() -> argparse.ArgumentParser:
 
     def setting(group, flag: str, text: str, **kwargs) -> None:
         name = kwargs.get("dest") or flag.lstrip("-").replace("-", "_")
-        default = TRAIN_DEFAULTS[name]
+        default = getattr(Recipe, name)
         kwargs.setdefault("metavar", name.upper() if "choices" not in kwargs else None)
         group.add_argument(flag, help=text + (f" (default {default})" if default is not None else ""), **kwargs)
 
@@ -212,17 +203,34 @@ def _parser() -> argparse.ArgumentParser:
         group,
         "--normalize",
         "bring every number to mean 0 and deviation 1; auto: all but positions, which the paper takes in metres",
-        choices=("auto", "on", "off"),
+        choices=NORMALIZE,
     )
     setting(
         group,
         "--test-fraction",
-        "share of the clips that is kept out for evaluation; 0 trains on all",
+        "share of each data set's clips that is kept out for evaluation; 0 trains on all",
         type=_number(0, True),
+    )
+    setting(
+        group,
+        "--joints",
+        "common: map every clip to the 21 common joints, for data sets of different skeletons",
+        choices=JOINTS,
+    )
+    setting(
+        group,
+        "--join",
+        "training clips follow one another without end, blended over so many seconds; 0: each ends where it ends",
+        type=_number(0, True, most=10),
     )
     group = train.add_argument_group("network")
     setting(group, "--hidden", "cells a layer; the paper has 1024", type=_whole(1, MOST["hidden"]))
-    setting(group, "--layers", "layers", type=_whole(1, MOST["layers"]))
+    setting(
+        group,
+        "--layers",
+        "recurrent layers (default: erd 2, seq2seq 1, else 3, as in the papers)",
+        type=_whole(1, MOST["layers"]),
+    )
     group = train.add_argument_group("what the network is fed (the truth, unless said here)")
     group.add_argument(
         "--u", type=_whole(1, MOST["length"]), metavar="N", help="aclstm: frames of truth in a row (default 5)"
@@ -240,6 +248,24 @@ def _parser() -> argparse.ArgumentParser:
         "--decay",
         choices=("fixed", "linear", "exponential", "inverse-sigmoid"),
         help="scheduled-sampling: how the probability falls as training goes on (default fixed)",
+    )
+    group.add_argument(
+        "--noise",
+        type=_number(0, True),
+        metavar="SD",
+        help="erd: standard deviation of noise on the frames that it reads, reached at the end (default 0)",
+    )
+    group.add_argument(
+        "--n-seed",
+        type=_whole(1, MOST["length"]),
+        metavar="N",
+        help="seq2seq: frames of truth at the start of a window (default 50)",
+    )
+    group.add_argument(
+        "--n-future",
+        type=_whole(1, MOST["length"]),
+        metavar="N",
+        help="seq2seq: frames that it makes from its own output, and is measured on (default 25)",
     )
     group = train.add_argument_group("training")
     setting(group, "--steps", "steps of gradient descent", type=_whole(1, MOST["steps"]))
@@ -264,7 +290,7 @@ def _parser() -> argparse.ArgumentParser:
         "let a checkpoint make motions, as BVH files",
         "generate walk.safetensors --frames 900 --count 4 --seed 1 -o made",
     )
-    generate.add_argument("checkpoint", metavar="CHECKPOINT")
+    _add_weights(generate)
     generate.add_argument(
         "--frames", type=_whole(1, MOST["frames"]), default=300, metavar="N", help="frames of each motion (default 300)"
     )
@@ -291,6 +317,11 @@ def _parser() -> argparse.ArgumentParser:
         help="frames that the network is shown first (default 10, as in the paper)",
     )
     generate.add_argument("--keep-seed", action="store_true", help="put the seed's frames before the generated ones")
+    generate.add_argument(
+        "--clean",
+        action="store_true",
+        help="bring bones to the skeleton's lengths and plant the feet before writing, see tutorial_lib.cleanup",
+    )
     _add_device(generate)
 
     evaluate = add(
@@ -299,7 +330,7 @@ def _parser() -> argparse.ArgumentParser:
         "measure a checkpoint against real clips",
         "evaluate walk.safetensors --data samples/walking --json walk.json",
     )
-    evaluate.add_argument("checkpoint", metavar="CHECKPOINT")
+    _add_weights(evaluate)
     evaluate.add_argument(
         "--data",
         required=True,
@@ -319,6 +350,77 @@ def _parser() -> argparse.ArgumentParser:
         "--seed", type=_whole(0, MOST["seed"]), default=0, metavar="S", help="chooses them (default 0)"
     )
     _add_device(evaluate)
+
+    pretrained = add("pretrained", None, "list the weights that come with the library, or add some", "pretrained list")
+    actions = pretrained.add_subparsers(title="actions", metavar="ACTION", required=True)
+    listing = actions.add_parser("list", help="all weights: their size, what they learnt from and how well")
+    listing.set_defaults(run=_pretrained_list)
+    publishing = actions.add_parser(
+        "publish",
+        help="half precision, own seeds and measures for a finished run, as a file to pass on",
+        epilog=f"example: {PROGRAM} pretrained publish run.safetensors --name aclstm-cmu-martial",
+    )
+    publishing.set_defaults(run=_pretrained_publish)
+    publishing.add_argument("checkpoint", metavar="CHECKPOINT", help="of a finished run, with its data at hand")
+    publishing.add_argument("--name", required=True, help="of the weights, such as aclstm-cmu-martial")
+    publishing.add_argument("--out", metavar="FOLDER", help="where the file goes (default: into the library)")
+    publishing.add_argument(
+        "--frames",
+        type=_whole(1, MOST["frames"]),
+        default=900,
+        metavar="N",
+        help="frames to generate after each seed when measuring (default 900)",
+    )
+    publishing.add_argument(
+        "--count", type=_whole(1, MOST["count"]), default=20, metavar="K", help="seeds when measuring (default 20)"
+    )
+    _add_device(publishing)
+
+    reproduce = add("reproduce", None, "rebuild a paper's tables and figures", "reproduce acrnn --data samples --quick")
+    papers = reproduce.add_subparsers(title="papers", metavar="PAPER", required=True)
+    acrnn = papers.add_parser(
+        "acrnn",
+        help="auto-conditioned recurrent networks: tables 1 and 2, figures 2, 7 and 9",
+        description="Train what is missing, measure it, and print tables 1 and 2 with the paper's numbers beside ours. "
+        "Can be stopped at any moment; called again, it goes on.",
+        epilog=f"example: {PROGRAM} reproduce acrnn --data DIR --runs runs/acrnn --jobs 2",
+    )
+    acrnn.set_defaults(run=_reproduce_acrnn)
+    acrnn.add_argument(
+        "--data",
+        metavar="DIR",
+        help="folder with cmu/walking, cmu/indian and cmu/martial, or: samples (default: where data list finds them)",
+    )
+    acrnn.add_argument(
+        "--runs", metavar="FOLDER", help="for the checkpoints (default runs/acrnn, of samples runs/acrnn-samples)"
+    )
+    acrnn.add_argument("--out", metavar="FOLDER", help="for acrnn.json and the figures (default: that of the runs)")
+    acrnn.add_argument(
+        "--jobs",
+        type=_whole(1, MOST["threads"]),
+        default=2,
+        metavar="N",
+        help="runs trained side by side, each with one thread (default 2)",
+    )
+    acrnn.add_argument(
+        "--styles", nargs="+", default=["walking", "indian", "martial"], metavar="STYLE", help="of these only"
+    )
+    acrnn.add_argument(
+        "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
+    )
+    for size in ("steps", "hidden", "batch", "length"):
+        least = 24 if size == "length" else 1
+        acrnn.add_argument(
+            f"--{size}",
+            type=_whole(least, MOST[size]),
+            metavar="N",
+            help="of every run, instead of the paper's stand-in",
+        )
+    acrnn.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
+    acrnn.add_argument("--grid", action="store_true", help="also u and v that differ, for the explorer")
+    acrnn.add_argument("--long", action="store_true", help="also samples of 18,000 frames, and of the weights shipped")
+    acrnn.add_argument("--no-train", action="store_true", help="measure the runs that are finished, and train none")
+    acrnn.add_argument("--quick", action="store_true", help="a trial with tiny networks and few steps")
 
     benchmark = add(
         "benchmark",
@@ -345,6 +447,14 @@ def _parser() -> argparse.ArgumentParser:
         help="turns, of which the median is told (default 9)",
     )
     return parser
+
+
+def _add_weights(command: argparse.ArgumentParser) -> None:
+    weights = command.add_mutually_exclusive_group(required=True)
+    weights.add_argument("checkpoint", metavar="CHECKPOINT", nargs="?", help="a checkpoint file (.safetensors)")
+    weights.add_argument(
+        "--pretrained", metavar="NAME", help="weights that come with the library (see: pretrained list)"
+    )
 
 
 def _add_device(command: argparse.ArgumentParser) -> None:
@@ -422,6 +532,7 @@ def _info(options: argparse.Namespace, _: Sequence[str]) -> int:
 
 
 def _checkpoint_lines(path: str) -> list[str]:
+    from .pretrained import data_names
     from .training.checkpoints import load_checkpoint
 
     checkpoint = load_checkpoint(path)
@@ -438,7 +549,8 @@ def _checkpoint_lines(path: str) -> list[str]:
         f"  training   {training.get('steps_done', '?')} of {training.get('steps', '?')} steps, "
         f"{training.get('status', 'unknown')}"
     )
-    lines.append(f"  data       {origin.get('data') or 'not told'}, {len(origin.get('clips') or ())} clips")
+    names = " + ".join(data_names(origin.get("data"))) or "not told"
+    lines.append(f"  data       {names}, {len(origin.get('clips') or ())} clips")
     lines.append(f"  made       {origin.get('date', '?')} by {origin.get('command') or 'a program'}")
     return lines
 
@@ -503,19 +615,9 @@ def _data_where(options: argparse.Namespace, _: Sequence[str]) -> None:
 
 
 def _load_clips(name: str) -> list[Motion]:
-    """A named data set, or motion files of the user's own; sorted by name."""
-    from . import data
-    from .data.catalog import motion_files, read_clip
+    from .recipes import load_clips
 
-    path = pathlib.Path(name)
-    if name in data.names() or not path.exists():
-        return data.load(name)
-    files = motion_files(path) if path.is_dir() else [path]
-    if not files:
-        raise DataError(f"{name}: the folder holds no motion file, expected .bvh, or .amc with its .asf")
-    # named as the catalogue would, folder and file, so that a clip is known again however it was asked for
-    root = (path if path.is_dir() else path.parent).resolve().parent
-    return [read_clip(file).with_name(file.resolve().relative_to(root).with_suffix("").as_posix()) for file in files]
+    return load_clips(name)
 
 
 # --- learning -------------------------------------------------------------------------------------
@@ -523,112 +625,44 @@ def _load_clips(name: str) -> list[Motion]:
 
 def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
     _use_threads(options)
-    from .data.windows import Normalizer, WindowSampler, split_clips
-    from .generate import prepare
-    from .representations import make_representation
-    from .training.checkpoints import load_checkpoint, provenance, read_header
-    from .training.systems import make_system, system_kind
-    from .training.trainer import Trainer, TrainingConfig, usable_device
+    from .recipes import sets_of, trainer_for
+    from .training.systems import system_kind
+    from .training.trainer import usable_device
 
     kind = system_kind(options.system)
     usable_device(options.device)
     out = pathlib.Path(options.out)
-    defaults = {**TRAIN_DEFAULTS, **kind.options}
-    given = {name: getattr(options, name) for name in (*TRAIN_DEFAULTS, *SYSTEM_OPTIONS) if hasattr(options, name)}
-    for name in given:
-        if name not in defaults:
-            raise TutorialError(f"--{name} is not for system {options.system!r}")
-    settings = {**defaults, **given}
-    if kind.options:
-        kind.loss(**{name: settings[name] for name in kind.options})  # raises if they cannot be
-    resuming = None
-    _check_output(options.out, [options.data])
-    if out.exists() and options.resume:
-        header = read_header(out)
-        if not header["resumable"]:
-            if header["training"].get("status") == "finished":
-                print(f"{out}: already finished, {header['training'].get('steps_done')} steps")
-                return 0
-            raise CheckpointError(f"{out}: cannot be resumed, {header['training'].get('status', 'status unknown')}")
-        resuming = load_checkpoint(out)
-        stored = {**header["training"], **header["model"]}
-        settings = {name: stored.get(name, default) for name, default in defaults.items()}
-        asked = {**given, "system": options.system, "data": options.data}
-        there_all = {**settings, "system": resuming.system, "data": stored.get("data")}
-        for name in sorted(asked, key=lambda name: name != "system"):  # another system explains the rest
-            value, there = asked[name], there_all[name]
-            if value != there:
-                raise CheckpointError(
-                    f"{out}: holds a run with {name} {there!r}, asked for {value!r}; "
-                    f"leave --{name.replace('_', '-')} as it was, or take another --out"
-                )
-    elif out.exists():
-        try:
-            header = read_header(out)
-        except CheckpointError:
-            raise DataError(
-                f"{out}: is there and not a checkpoint of this library, so it is not replaced; "
-                "take another --out, or remove it"
-            ) from None
-        if header["resumable"]:
-            raise DataError(
-                f"{out}: holds an unfinished run ({header['training'].get('steps_done')} of "
-                f"{header['training'].get('steps')} steps); add --resume to go on with it, or remove it"
-            )
+    given = {field.name: getattr(options, field.name) for field in dataclasses.fields(Recipe)
+             if hasattr(options, field.name)}  # fmt: skip
+    own = {name: getattr(options, name) for name in SYSTEM_OPTIONS if hasattr(options, name)}
+    for name in own:
+        if name not in kind.options:
+            raise TutorialError(f"{_flag(name)} is not for system {options.system!r}")
+    _check_output(options.out, options.data)
+    resuming = options.resume and out.exists()
+    recipe = _recipe_there(out, {**given, **own}) if resuming else Recipe(**given, options=own)
+    if recipe is None:
+        return 0
+    if out.exists() and not resuming:
+        _check_replaceable(out)
 
-    motions = prepare(_load_clips(options.data), height=settings["height"] or None)
-    train, test = motions, []
-    if settings["test_fraction"] > 0:
-        if len(motions) > 1:
-            train, test = split_clips(motions, settings["test_fraction"], settings["seed"])
-        else:
-            print("note: a single clip, trained on whole: nothing is kept out for evaluation", file=sys.stderr)
-    if resuming is not None:
-        representation, normalizer = resuming.representation, resuming.normalizer
-        if [m.name for m in train] != resuming.provenance.get("clips"):
-            raise CheckpointError(
-                f"{out}: was started on {len(resuming.provenance.get('clips') or ())} clips of "
-                f"{options.data}, now there are other ones ({len(train)} to train on)"
-            )
-    else:
-        representation = make_representation(settings["representation"], train[0].skeleton, settings["fps"])
-        normalizer = None
-    window = {
-        "length": settings["length"],
-        "batch": settings["batch"],
-        "rates": settings["rates"],
-        "rotate": settings["rotate"],
-    }
-    wanted = settings["normalize"] == "on" or (settings["normalize"] == "auto" and representation.name != "positions")
-    if wanted and normalizer is None:  # on drawn windows, so that the random turns are in the statistics
-        drawn = WindowSampler(train, representation, seed=settings["seed"], **window)
-        normalizer = Normalizer.fit(drawn.sample() for _ in range(max(1, 2000 // settings["batch"])))
-    batches = WindowSampler(train, representation, normalizer=normalizer, seed=settings["seed"], **window)
-    system = make_system(
-        options.system, representation.dim, seed=settings["seed"], hidden=settings["hidden"], layers=settings["layers"],
-        **{name: settings[name] for name in kind.options},
+    sets = sets_of(recipe)
+    trainer = trainer_for(
+        recipe, out, device=options.device, save_seconds=options.save_seconds, resume=options.resume, sets=sets,
+        command=f"{PROGRAM} {shlex.join(arguments)}",
     )  # fmt: skip
-    config = TrainingConfig(**{name: settings[name] for name in ("steps", "learning_rate", "schedule", "clip", "seed")})
-    told = ("representation", "fps", "height", "length", "batch", "rates", "rotate", "normalize", "test_fraction")
-    trainer = Trainer(
-        system, batches, config, path=out, device=options.device, save_seconds=options.save_seconds,
-        settings={"data": options.data, **{name: settings[name] for name in told}},
-        provenance=provenance(options.data, [m.name for m in train], f"{PROGRAM} {shlex.join(arguments)}",
-                              test_clips=[m.name for m in test])
-        if resuming is None else resuming.provenance,
-    )  # fmt: skip
-    seconds = sum(m.duration for m in train)
+    train, test = [m for part, _ in sets for m in part], [m for _, part in sets for m in part]
+    features = trainer.batches.representation
     print(
-        f"{options.data}: {len(train)} clips to train on ({seconds:.0f} s), {len(test)} kept out; "
-        f"{representation.name}, {representation.dim} numbers a frame"
+        f"{' + '.join(recipe.data)}: {len(train)} clips to train on ({sum(m.duration for m in train):.0f} s), "
+        f"{len(test)} kept out; {features.name}, {features.dim} numbers a frame"
     )
-    if resuming is not None:
-        trainer.resume()
+    if trainer.step:
         print(f"{out}: going on after step {trainer.step}")
     trainer.run()
     if not trainer.finished:
         print(
-            f"stopped after {trainer.step} of {config.steps} steps, saved in {out}; --resume goes on", file=sys.stderr
+            f"stopped after {trainer.step} of {recipe.steps} steps, saved in {out}; --resume goes on", file=sys.stderr
         )
         return 130
     print(
@@ -636,6 +670,53 @@ def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
         f"loss {trainer.loss:.4g}"
     )
     return 0
+
+
+def _recipe_there(out: pathlib.Path, given: dict[str, Any]) -> Recipe | None:
+    """The recipe of the unfinished run in ``out``, which must have all that was ``given``; ``None``: it is finished."""
+    from .recipes import recipe_in
+    from .training.checkpoints import read_header
+
+    header = read_header(out)
+    training = header["training"]
+    if not header["resumable"] and training.get("status") == "finished":
+        print(f"{out}: already finished, {training.get('steps_done')} steps")
+        return None
+    try:
+        recipe = recipe_in(header)
+    except CheckpointError as error:
+        raise CheckpointError(f"{out}: {error}") from None
+    stored = recipe.to_dict()
+    for name in sorted(given, key=lambda name: name != "system"):  # another system explains the rest
+        value, there = given[name], stored.get(name)
+        if (value or None if name == "height" else value) != there:
+            raise CheckpointError(
+                f"{out}: holds a run with {name} {there!r}, asked for {value!r}; "
+                f"leave {_flag(name)} as it was, or take another --out"
+            )
+    return recipe
+
+
+def _flag(name: str) -> str:
+    return "--lr" if name == "learning_rate" else f"--{name.replace('_', '-')}"
+
+
+def _check_replaceable(out: pathlib.Path) -> None:
+    """A file in the place of a new checkpoint may only be a finished one."""
+    from .training.checkpoints import read_header
+
+    try:
+        header = read_header(out)
+    except CheckpointError:
+        raise DataError(
+            f"{out}: is there and not a checkpoint of this library, so it is not replaced; "
+            "take another --out, or remove it"
+        ) from None
+    if header["resumable"]:
+        raise DataError(
+            f"{out}: holds an unfinished run ({header['training'].get('steps_done')} of "
+            f"{header['training'].get('steps')} steps); add --resume to go on with it, or remove it"
+        )
 
 
 def _check_output(name: str, inputs: Sequence[str]) -> None:
@@ -692,21 +773,25 @@ def _input_files(name: str) -> list[pathlib.Path]:
 
 def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     _use_threads(options)
-    from .generate import generate
+    from .cleanup import clean_up, legs
+    from .generate import generate_each
     from .motion.bvh import write_bvh
+    from .training.progress import Progress
 
     _check_named(options.out)
     out = pathlib.Path(options.out)
     _check_folder(out)
     checkpoint = _open(options)
-    stem, digits = pathlib.Path(options.checkpoint).stem, max(2, len(str(options.count)))
+    stem, digits = checkpoint.path.stem, max(2, len(str(options.count)))
     names = [f"{stem}-{k:0{digits}d}.bvh" for k in range(1, options.count + 1)]
-    source = options.data
-    if source is None and checkpoint.seed_frames is None:
-        source = checkpoint.provenance.get("data")
-    _check_not_input([out / name for name in names], [options.checkpoint, *([source] if source else [])])
-    seeds = _seed_clips(checkpoint, options.data)
-    made = generate(
+    sources = [] if options.data is None else [options.data]
+    if options.data is None and checkpoint.seed_frames is None:
+        sources = _data_of(checkpoint)
+    _check_not_input([out / name for name in names], [str(checkpoint.path), *sources])
+    if options.clean and checkpoint.representation is not None:
+        legs(checkpoint.representation.skeleton)  # an unknown one is told before the work
+    seeds = _seed_clips(checkpoint, sources)
+    made = generate_each(
         checkpoint,
         options.frames,
         seeds=seeds,
@@ -715,33 +800,54 @@ def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
         seed_frames=options.seed_frames,
         progress=True,
     )
-    motions = made.motions if options.keep_seed else made.without_seed()
-    with _whole_folder(out) as folder:
-        for name, motion in zip(names, motions, strict=True):
+    bar = Progress(options.count, unit="file", title="writing")
+    with _whole_folder(out) as folder, contextlib.closing(bar):
+        for name, motion in zip(names, made, strict=True):  # each is written as it comes: few are ever in memory
+            motion = clean_up(motion) if options.clean else motion
+            motion = motion if options.keep_seed else motion[options.seed_frames :]
             write_bvh(motion, folder / name)
-    print(f"wrote {len(motions)} files of {len(motions[0])} frames to {options.out}")
+            bar.update()
+    print(f"wrote {len(names)} files of {len(motion)} frames to {options.out}")
 
 
-def _seed_clips(checkpoint: Checkpoint, name: str | None) -> list[Motion] | None:
+def _data_of(checkpoint: Checkpoint) -> list[str]:
+    """The data sets that a checkpoint was trained on."""
+    from .pretrained import data_names
+
+    return list(data_names(checkpoint.provenance.get("data")))
+
+
+def _clips_for(checkpoint: Checkpoint, names: Sequence[str]) -> list[Motion]:
+    """The clips of data sets, on the common joints where the network was trained on those."""
+    from .motion.retarget import to_common
+    from .motion.skeletons import COMMON_JOINTS, recognise
+
+    clips = [clip for name in names for clip in _load_clips(name)]
+    skeleton = None if checkpoint.representation is None else checkpoint.representation.skeleton
+    if skeleton is None or skeleton.names != COMMON_JOINTS:
+        return clips
+    # an unknown skeleton is told later, together with the one that was expected
+    return [to_common(c) if recognise(c.skeleton) and not skeleton.same_tree(c.skeleton) else c for c in clips]
+
+
+def _seed_clips(checkpoint: Checkpoint, names: Sequence[str]) -> list[Motion] | None:
     """Clips to cut seeds from, those never trained on if there are any; ``None``: the checkpoint's own seed."""
     from .evaluate import unseen
 
-    if name is None:
+    if not names:
         if checkpoint.seed_frames is not None:
             return None
-        name = checkpoint.provenance.get("data")
-        if not name:
-            raise CheckpointError(
-                f"{checkpoint.path}: carries no seed and does not say what it was trained on; give --data"
-            )
-        try:
-            clips = _load_clips(name)
-        except DataError as error:
-            raise DataError(f"seed motions are needed: {error}; or give others with --data") from None
-    else:
-        clips = _load_clips(name)
+        raise CheckpointError(
+            f"{checkpoint.path}: carries no seed and does not say what it was trained on; give --data"
+        )
+    try:
+        clips = _clips_for(checkpoint, names)
+    except DataError as error:
+        if list(names) != _data_of(checkpoint):
+            raise
+        raise DataError(f"seed motions are needed: {error}; or give others with --data") from None
     fresh = unseen(checkpoint, clips)
-    print(f"seeds from {name}: {len(fresh or clips)} clips {'never ' if fresh else ''}trained on")
+    print(f"seeds from {', '.join(names)}: {len(fresh or clips)} clips {'never ' if fresh else ''}trained on")
     return fresh or clips
 
 
@@ -751,12 +857,13 @@ def _evaluate(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .evaluate import evaluate, summary, unseen
 
     if options.json is not None:
-        _check_output(options.json, [options.checkpoint, options.data])
+        inputs = [options.data] if options.checkpoint is None else [options.checkpoint, options.data]
+        _check_output(options.json, inputs)
     checkpoint = _open(options)
-    clips = _load_clips(options.data)
+    clips = _clips_for(checkpoint, [options.data])
     clips = unseen(checkpoint, clips) or clips
     result = evaluate(checkpoint, clips, count=options.count, frames=options.frames, seed=options.seed, progress=True)
-    result = {"checkpoint": pathlib.Path(options.checkpoint).name, "data": options.data, **result}
+    result = {"checkpoint": checkpoint.path.name, "data": options.data, **result}
     print("\n".join(summary(result)))
     if options.json is not None:
         with atomic_write(options.json) as temporary:
@@ -764,18 +871,88 @@ def _evaluate(options: argparse.Namespace, _: Sequence[str]) -> None:
         print(f"wrote {options.json}")
 
 
+# --- weights that come with the library -----------------------------------------------------------
+
+
+def _pretrained_list(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from . import pretrained
+
+    print(pretrained.list())
+
+
+def _pretrained_publish(options: argparse.Namespace, _: Sequence[str]) -> None:
+    _use_threads(options)
+    from .evaluate import summary
+    from .pretrained import FOLDER
+    from .pretrained.publish import publish
+    from .training.checkpoints import read_header
+    from .training.trainer import usable_device
+
+    folder = pathlib.Path(FOLDER if options.out is None else options.out)
+    _check_named(str(folder))
+    _check_folder(folder)
+    _check_not_input([folder / f"{options.name}.safetensors"], [options.checkpoint])
+    file = publish(
+        options.checkpoint,
+        options.name,
+        folder=folder,
+        frames=options.frames,
+        count=options.count,
+        device=usable_device(options.device),
+        progress=True,
+    )
+    origin = read_header(file)["provenance"]
+    print("\n".join(summary(origin["metrics"])))
+    print(f"own seeds           {origin['seeds']['count']} of {origin['seeds']['frames']} frames")
+    print(f"wrote {file} ({file.stat().st_size / 1e6:.2f} MB)")
+
+
+def _reproduce_acrnn(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.acrnn import reproduce
+
+    for folder in (options.runs, options.out):
+        if folder is not None:
+            _check_named(folder)
+            _check_folder(pathlib.Path(folder))
+    sizes = {name: getattr(options, name) for name in ("steps", "hidden", "batch", "length")}
+    reproduce(
+        options.data,
+        runs=options.runs,
+        out=options.out,
+        jobs=options.jobs,
+        styles=options.styles,
+        seeds=options.seeds,
+        grid=options.grid,
+        long=options.long,
+        tuning=options.tune,
+        train_missing=not options.no_train,
+        quick=options.quick,
+        budget={name: value for name, value in sizes.items() if value is not None},
+        tell=_tell,
+    )
+
+
+def _tell(line: str) -> None:
+    print(line, flush=True)
+
+
 def _benchmark(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .training.rollout_benchmark import report
 
     for line in report(options.hidden, threads=options.threads, repeats=options.repeats):
-        print(line, flush=True)
+        _tell(line)
 
 
 def _open(options: argparse.Namespace) -> Checkpoint:
     from .training.checkpoints import load_checkpoint
     from .training.trainer import usable_device
 
-    return load_checkpoint(options.checkpoint, device=usable_device(options.device))
+    device = usable_device(options.device)
+    if getattr(options, "pretrained", None) is not None:
+        from . import pretrained
+
+        return pretrained.load(options.pretrained, device)
+    return load_checkpoint(options.checkpoint, device=device)
 
 
 def _use_threads(options: argparse.Namespace) -> None:

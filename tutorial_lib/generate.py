@@ -11,10 +11,12 @@ from torch import Tensor, nn
 
 from .errors import CheckpointError, DataError, TutorialError
 from .motion.clip import Motion
+from .motion.retarget import to_common
 from .motion.skeletons import standing_height
 from .representations import Representation
 from .training.checkpoints import Checkpoint
 from .training.progress import Progress
+from .training.rollout import LSTMStream, has_fast_rollout
 
 SEED_FRAMES = 10  # acRNN, section 4: "initialized with 10 frames"
 
@@ -31,6 +33,11 @@ def stream(model: nn.Module, seed: Tensor) -> Iterator[Tensor]:
     with torch.no_grad():
         y, state = model(seed)  # (B, T0, D)
         frame = y[:, -1:]  # (B, 1, D): the first frame after the seed
+    if has_fast_rollout(model):
+        fast, frame = LSTMStream(model, state), frame[:, 0]
+        while True:
+            yield frame
+            frame = fast.step(frame)
     while True:
         yield frame[:, 0]
         with torch.no_grad():  # inside the loop, so that it does not reach into the caller's code at a yield
@@ -88,12 +95,14 @@ def prepare(motions: Sequence[Motion], *, height: float | None = None, fps: floa
 
 
 def prepare_for(checkpoint: Checkpoint, motions: Sequence[Motion]) -> list[Motion]:
-    """Clips at the frame rate and of the size that a checkpoint was trained with.
+    """Clips at the frame rate and of the size that a checkpoint was trained with, on the common joints if those were.
 
     Raises :class:`CheckpointError` if the checkpoint has no representation, ``MotionError`` naming both sides if
     a clip's skeleton is not the one that the network was trained on.
     """
     representation = _representation(checkpoint)
+    if checkpoint.training.get("joints") == "common":
+        motions = [m if representation.skeleton.same_tree(m.skeleton) else to_common(m) for m in motions]
     for motion in motions:  # before anything is scaled, so that the message is about the tree
         if not representation.skeleton.same_tree(motion.skeleton):
             representation.check_skeleton(motion)
@@ -197,10 +206,28 @@ def generate(
     count, seed : how many motions, and the number that chooses their seeds.
     seed_frames : length of a seed.
 
-    Each motion starts at the origin. Two runs with the same arguments give the same motions.
+    Each motion begins with its seed and starts at the origin. Two runs with the same arguments give the same motions.
     Raises :class:`CheckpointError` for a seed of another skeleton or width, or if there is none;
     :class:`TutorialError` if the network's output becomes infinite or NaN.
     """
+    motions = generate_each(
+        checkpoint, n_frames, seeds=seeds, count=count, seed=seed, seed_frames=seed_frames, progress=progress
+    )
+    return Generated(list(motions), seed_frames)
+
+
+def generate_each(
+    checkpoint: Checkpoint,
+    n_frames: int,
+    *,
+    seeds: Sequence[Motion] | np.ndarray | Tensor | None = None,
+    count: int = 1,
+    seed: int = 0,
+    seed_frames: int = SEED_FRAMES,
+    progress: bool = False,
+) -> Iterator[Motion]:
+    """:func:`generate`, the motions one by one: all are made before this returns, as single-precision features, but
+    each becomes a :class:`Motion`, twice as large, only when its turn comes."""
     representation = _representation(checkpoint)
     if n_frames < 1:
         raise TutorialError(f"the number of frames to generate must be 1 or more, not {n_frames}")
@@ -208,6 +235,11 @@ def generate(
         seeds = checkpoint.seed_frames
         if seeds is None:
             raise CheckpointError("the checkpoint carries no seed of its own: give it clips to start from")
+        if seeds.shape[1] < seed_frames:
+            raise DataError(
+                f"a seed of {seed_frames} frames was asked for, the checkpoint's own seeds have {seeds.shape[1]}: "
+                "give it clips to start from"
+            )
     clips = prepare_for(checkpoint, seeds) if len(seeds) and isinstance(seeds[0], Motion) else seeds
     chosen = choose_windows([len(clip) for clip in clips], frames=seed_frames, count=count, seed=seed)
     windows = [clips[k][start : start + seed_frames] for k, start in chosen]
@@ -216,12 +248,13 @@ def generate(
         [representation.encode(w) if isinstance(w, Motion) else np.asarray(w, np.float32) for w in windows]
     )  # (count, seed_frames, D)
     made = generate_features(checkpoint, features, n_frames, progress=progress)
-    motions = []
-    for k, (start, rest) in enumerate(zip(features, made, strict=True)):
+    for k, rest in enumerate(made):
         bad = ~np.isfinite(rest).all(axis=-1)  # (n_frames,)
         if bad.any():
             raise TutorialError(
                 f"motion {k + 1} of {count} left the finite numbers {int(bad.argmax()) + 1} frames after its seed"
             )
-        motions.append(representation.decode(np.concatenate([start, rest]), name=f"{checkpoint.system}-{k + 1}"))
-    return Generated(motions, seed_frames)
+    return (
+        representation.decode(np.concatenate([start, rest]), name=f"{checkpoint.system}-{k}")
+        for k, (start, rest) in enumerate(zip(features, made, strict=True), start=1)
+    )
