@@ -47,6 +47,17 @@ def test_prediction_error_by_hand():
         close(metrics.prediction_error(p, q, 25.0, times_ms=[400]), [25])
 
 
+def test_prediction_errors_of_each_seed_and_what_their_mean_is_worth():
+    t = np.arange(1, 21.0)
+    off = np.stack([np.stack([3 * t, 4 * t], 1), np.zeros((20, 2)), np.stack([0 * t, t], 1)])
+    for p, q in zip(both(off), both(off * 0), strict=True):
+        each = metrics.prediction_errors(p, q, 25.0, times_ms=[80, 400])
+        close(each, [[10, 50], [0, 0], [2, 10]])
+        close(each.mean(0), metrics.prediction_error(p, q, 25.0, times_ms=[80, 400]))
+        close(metrics.standard_error(each), np.sqrt(np.array([28.0, 700.0]) / 3))  # squares 36 + 16 + 4, over 2
+        assert np.isnan(np.asarray(metrics.standard_error(each[:1]))).all()
+
+
 def test_prediction_error_refuses():
     x = np.zeros((2, 10, 3))
     with pytest.raises(TutorialError, match="640 ms at 30 .* 19 frames.* have 10"):
@@ -115,6 +126,34 @@ def test_stagnations_are_counted_and_recovered_from():
         metrics.stagnations(np.ones((2, 30)), 1.0, 10.0)
 
 
+def test_pose_spread_and_being_stuck():
+    """One node goes round the root, 1 m away, once in 2 s; then it trembles by a centimetre."""
+    fps, rng = 10.0, np.random.default_rng(0)
+    t = np.arange(200) / fps
+    positions = np.zeros((200, 2, 3))
+    positions[:, 0] = np.stack([5 * t, 0 * t, -t], 1)  # where the root goes is not the pose
+    ring = np.stack([np.cos(np.pi * t), 0 * t, np.sin(np.pi * t)], 1)
+    ring[100:] = ring[100] + rng.normal(scale=0.01, size=(100, 3))
+    positions[:, 1] = positions[:, 0] + ring
+    for p in both(positions):
+        spread = metrics.pose_spread(p, fps, 4.0)
+        assert type(spread) is type(p) and spread.shape == (161,)
+        # of the two nodes one is at 1 m from its mean, the other at none
+        close(spread[:60], np.sqrt(0.5), rtol=1e-6)
+        window = ring[120:160]
+        expected = np.sqrt(((window - window.mean(0)) ** 2).sum(1).mean() / 2)
+        assert float(spread[120]) == pytest.approx(expected, rel=1e-6) and expected < 0.02
+        stuck = metrics.stuck_time(p, np.sqrt(0.5), fps, fraction=0.25, seconds=4.0)
+        assert 9.0 <= float(stuck) <= 10.0
+        close(metrics.stuck_time(np.asarray(p)[:130], np.sqrt(0.5), fps, seconds=4.0), np.inf)
+        gone = metrics.stuck_time(np.asarray(p) * np.nan, 1.0, fps, seconds=4.0)
+        assert float(gone) == np.inf, "what is not finite is not stuck"
+    with pytest.raises(TutorialError, match="above zero"):
+        metrics.stuck_time(positions, 0.0, fps)
+    with pytest.raises(TutorialError, match="300 values of a curve of 200"):
+        metrics.pose_spread(positions, fps, 30.0)
+
+
 # -- is it still a person ----------------------------------------------------------------------------------
 
 
@@ -132,6 +171,54 @@ def test_divergence_time():
         close(metrics.divergence_time(p, metrics.reach(p[:1]), 10.0, factor=1.3), [np.inf, 1.2, 1.2, 2.0])
         assert np.asarray(metrics.diverged(p, 1.0)).tolist() == [False, False, True, True]
         close(metrics.divergence_time(p[2], 1.0, 10.0), 1.2)
+
+
+def test_pose_distance_is_the_best_turn_about_the_vertical():
+    """Against turns tried one by one."""
+    rng = np.random.default_rng(1)
+    poses, x = rng.normal(size=(3, 4, 3)), rng.normal(size=(2, 5, 4, 3))
+    flat, roots = x.reshape(-1, 4, 3), poses - poses[:, :1]
+    angles = np.linspace(0, 2 * np.pi, 7200, endpoint=False)
+    cos, sin = np.cos(angles), np.sin(angles)
+    expected = []
+    for pose in flat - flat[:, :1]:
+        best = np.inf
+        for p in roots:
+            around = np.stack([np.outer(cos, p[:, 0]) + np.outer(sin, p[:, 2]), np.tile(p[:, 1], (7200, 1)),
+                               np.outer(cos, p[:, 2]) - np.outer(sin, p[:, 0])], -1)  # fmt: skip
+            best = min(best, np.sqrt(((around - pose) ** 2).sum(-1).mean(-1)).min())
+        expected.append(best)
+    for p, q in zip(both(x), both(poses), strict=True):
+        found = metrics.pose_distance(p, q)
+        assert type(found) is type(p)
+        close(found, np.reshape(expected, (2, 5)), atol=1e-4)
+    moved = roots @ np.array([[0, 0, -1.0], [0, 1, 0], [1, 0, 0]]) + [4, 0.3, -2]  # a quarter turn, elsewhere
+    close(metrics.pose_distance(moved, poses), [0, 0, 0], atol=2e-3)
+    moved[1, 2, 0] = np.nan
+    assert np.isinf(metrics.pose_distance(moved, poses)).tolist() == [False, True, False]
+    with pytest.raises(TutorialError, match=r"\(3, 4, 3\) and .* \(3, 5, 3\)"):
+        metrics.pose_distance(poses, np.zeros((3, 5, 3)))
+
+
+def test_pose_range_holds_out_each_clip():
+    """Poses of a stick that is 1, 1.1 and 1.5 m long: the last is 0.4 from its nearest, over two nodes."""
+    clips = [np.array([[[0, 0, 0], [0, length, 0]]] * 3, dtype=float) for length in (1.0, 1.1, 1.5)]
+    assert metrics.pose_range(clips) == pytest.approx(0.4 / np.sqrt(2), rel=1e-3)
+    with pytest.raises(TutorialError, match="1 clip"):
+        metrics.pose_range(clips[:1])
+
+
+def test_range_exit_time():
+    distance = np.full((4, 60), 0.9)
+    distance[1, 20:] = 1.3
+    distance[2, 20:24] = 5.0  # one of them lifts the mean of a second to 1.31
+    distance[3, 30] = np.inf
+    for d in both(distance):
+        found = metrics.range_exit_time(d, 1.0, 10.0)
+        assert type(found) is type(d)
+        # of ten frames nine of 1.3 are needed: 0.9 + 9 * 1.3 is just above 12.5
+        close(found, [np.inf, 1.9, 1.1, 2.1])
+        close(metrics.range_exit_time(d[:3], 1.0, 10.0, factor=3.0), [np.inf] * 3)
 
 
 # -- feet --------------------------------------------------------------------------------------------------

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from .data.windows import evaluation_windows
 from .errors import DataError, MotionError
 from .generate import SEED_FRAMES, generate_features, prepare_for
 from .motion.clip import Motion, settled_positions
+from .representations import Representation
 from .training.checkpoints import Checkpoint
 
 CHANGE_FRAMES = (15, 60, 150, 300, 600, 900)  # frames after the seed at which motion change is told
@@ -31,6 +34,87 @@ def unseen(checkpoint: Checkpoint, motions: Sequence[Motion]) -> list[Motion]:
         return any(other.endswith("/" + name) or ("/" + name).endswith(other) for other in trained_on)
 
     return [motion for motion in motions if not seen(motion.name)]
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """What a checkpoint made after seeds from clips, and the true motion that it is measured against.
+
+    Features are in the representation, not normalised, float32.
+    """
+
+    representation: Representation
+    seeds: np.ndarray  # (K, T0, D)
+    truth: np.ndarray  # (K, H, D): what really came after each seed, at least as far as 640 ms
+    made: np.ndarray  # (K, F, D)
+    clips: Sequence[Motion]  # that the seeds are from, at the representation's frame rate and size
+    reference: Sequence[Motion]  # that the true motion change and the range of poses are taken from
+
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+        return self.representation.fps
+
+    @property
+    def frames(self) -> int:
+        """F, how many frames follow each seed."""
+        return self.made.shape[1]
+
+    @functools.cached_property
+    def change(self) -> np.ndarray:
+        """(K, F) motion change; the first is the step from the seed's last frame."""
+        return metrics.frame_change(np.concatenate([self.seeds[:, -1:], self.made], axis=1))
+
+    @functools.cached_property
+    def true_change(self) -> float:
+        """Mean motion change of the reference."""
+        features = [self.representation.encode(motion) for motion in self.reference]
+        return _weighted([(metrics.frame_change(x).mean(), len(x) - 1) for x in features if len(x) > 1])
+
+    @functools.cached_property
+    def positions(self) -> np.ndarray:
+        """(K, F, J, 3) metres; the seed goes along, so that all stand on the ground alike, and is cut off again."""
+        whole = np.concatenate([self.seeds, self.made], axis=1)
+        return self.representation.decode_positions(whole)[:, self.seeds.shape[1] :]
+
+    @functools.cached_property
+    def reach(self) -> float:
+        """Of the reference's poses, metres (:func:`tutorial_lib.metrics.reach`)."""
+        return max(float(metrics.reach(motion.positions)) for motion in self.reference)
+
+    def errors(self) -> np.ndarray:
+        """(K, 8) distance to the truth at 80 ... 640 ms."""
+        return metrics.prediction_errors(self.made[:, : self.truth.shape[1]], self.truth, self.fps)
+
+
+def roll_out(
+    checkpoint: Checkpoint,
+    motions: Sequence[Motion],
+    *,
+    reference: Sequence[Motion] | None = None,
+    count: int = 20,
+    frames: int = 900,
+    seed_frames: int = SEED_FRAMES,
+    seed: int = 0,
+    progress: bool = False,
+) -> Rollouts:
+    """``frames`` frames after each of ``count`` seeds, which are spread over the clips; see :func:`evaluate`.
+
+    reference : clips that tell what true motion is, by default ``motions`` themselves; they too are brought to the
+        checkpoint's frame rate and size.
+    Raises as :func:`evaluate` does.
+    """
+    prepared = prepare_for(checkpoint, motions)
+    others = prepared if reference is None else prepare_for(checkpoint, reference)
+    representation = checkpoint.representation
+    fps = representation.fps
+    horizon = max(metrics.frames_at(metrics.PAPER_TIMES_MS, fps))
+    if frames < max(horizon, round(fps)):
+        raise DataError(f"evaluation takes {max(horizon, round(fps))} frames or more (1 s), not {frames}")
+    seeds, truth = evaluation_windows(prepared, representation, seed_frames=seed_frames, future_frames=horizon,
+                                      count=count, seed=seed)  # fmt: skip
+    made = generate_features(checkpoint, seeds, frames, progress=progress)
+    return Rollouts(representation, seeds.numpy(), truth.numpy(), made, prepared, others)
 
 
 def evaluate(
@@ -59,6 +143,7 @@ def evaluate(
     dict, ready for JSON, with
 
     - ``prediction_error``: {milliseconds: distance} at 80 ... 640 ms
+    - ``prediction_error_standard_error``: the same for the standard error of that mean over the seeds
     - ``motion_change``: ``true`` (mean of the clips) and ``at`` {frame after the seed: mean of the steps up to it}
     - ``freezing``: how many motions froze, and the seconds after which each did (``None``: never)
     - ``divergence``: the same for leaving the range of poses, here that of the clips given
@@ -69,34 +154,44 @@ def evaluate(
     Measures of generated motion that is no longer finite are ``None``.
     Raises :class:`DataError` if the clips are too short, ``MotionError`` if their skeleton is another.
     """
-    prepared = prepare_for(checkpoint, motions)
-    representation = checkpoint.representation
-    fps = representation.fps
-    horizon = max(metrics.frames_at(metrics.PAPER_TIMES_MS, fps))
-    if frames < max(horizon, round(fps)):
-        raise DataError(f"evaluation takes {max(horizon, round(fps))} frames or more (1 s), not {frames}")
-    seeds, truth = evaluation_windows(prepared, representation, seed_frames=seed_frames, future_frames=horizon,
-                                      count=count, seed=seed)  # fmt: skip
-    made = generate_features(checkpoint, seeds, frames, progress=progress)  # (count, frames, D)
-    error = metrics.prediction_error(made[:, :horizon], truth.numpy(), fps)
-
-    true_features = [representation.encode(motion) for motion in prepared]
-    true_change = _weighted([(metrics.frame_change(x).mean(), len(x) - 1) for x in true_features if len(x) > 1])
-    change = metrics.frame_change(np.concatenate([seeds.numpy()[:, -1:], made], axis=1))  # (count, frames)
+    run = roll_out(
+        checkpoint, motions, count=count, frames=frames, seed_frames=seed_frames, seed=seed, progress=progress
+    )
+    fps, change, errors = run.fps, run.change, run.errors()
     at = {
         frame: change[:, max(0, frame - CHANGE_WINDOW) : frame].mean()
         for frame in (*(f for f in CHANGE_FRAMES if f < frames), frames)
     }
+    freezing = metrics.freezing_time(change, run.true_change, fps)
+    divergence = metrics.divergence_time(run.positions, run.reach, fps)
+    return jsonable({
+        "system": checkpoint.system,
+        "representation": run.representation.name,
+        "fps": fps,
+        "seeds": count,
+        "seed_frames": seed_frames,
+        "frames": frames,
+        "clips": [motion.name for motion in motions],
+        "trained_on_these_clips": len(unseen(checkpoint, motions)) < len(motions),
+        "prediction_error": dict(zip(metrics.PAPER_TIMES_MS, errors.mean(0), strict=True)),
+        "prediction_error_standard_error": dict(
+            zip(metrics.PAPER_TIMES_MS, metrics.standard_error(errors), strict=True)
+        ),
+        "motion_change": {"true": run.true_change, "at": at},
+        "freezing": {"count": int(np.isfinite(freezing).sum()), "seconds": freezing},
+        "divergence": {"count": int(np.isfinite(divergence).sum()), "seconds": divergence},
+        **flaws(run),
+    })  # fmt: skip
 
-    # the seed goes along, so that all motions stand on the ground in the same way, and is cut off again
-    positions = representation.decode_positions(np.concatenate([seeds.numpy(), made], axis=1))[:, seed_frames:]
-    true_positions = [motion.positions for motion in prepared]
-    reach = max(float(metrics.reach(x)) for x in true_positions)
-    skeleton = representation.skeleton
+
+def flaws(run: Rollouts) -> dict[str, Any]:
+    """``foot_skate`` and ``bone_drift``, generated and true, as :func:`evaluate` gives them."""
+    fps, skeleton = run.fps, run.representation.skeleton
+    true_positions = [motion.positions for motion in run.clips]
     try:
         feet = metrics.foot_joints(skeleton)
         # a height that drifts would leave most steps out, so all motions are put on the ground first
-        skates = [metrics.foot_skate(settled_positions(x, fps), feet, fps) for x in positions]
+        skates = [metrics.foot_skate(settled_positions(x, fps), feet, fps) for x in run.positions]
         true_skates = [
             (metrics.foot_skate(settled_positions(x, fps), feet, fps), len(x)) for x in true_positions if len(x) > 1
         ]
@@ -107,27 +202,13 @@ def evaluate(
         }
     except MotionError:
         skate = None
-    freezing = metrics.freezing_time(change, true_change, fps)
-    divergence = metrics.divergence_time(positions, reach, fps)
-    return _jsonable({
-        "system": checkpoint.system,
-        "representation": representation.name,
-        "fps": fps,
-        "seeds": count,
-        "seed_frames": seed_frames,
-        "frames": frames,
-        "clips": [motion.name for motion in motions],
-        "trained_on_these_clips": len(unseen(checkpoint, motions)) < len(motions),
-        "prediction_error": dict(zip(metrics.PAPER_TIMES_MS, error, strict=True)),
-        "motion_change": {"true": true_change, "at": at},
-        "freezing": {"count": int(np.isfinite(freezing).sum()), "seconds": freezing},
-        "divergence": {"count": int(np.isfinite(divergence).sum()), "seconds": divergence},
+    return {
         "foot_skate": skate,
         "bone_drift": {
-            "generated": metrics.bone_length_drift(positions, skeleton).mean(),
+            "generated": metrics.bone_length_drift(run.positions, skeleton).mean(),
             "true": _weighted([(metrics.bone_length_drift(x, skeleton).mean(), len(x)) for x in true_positions]),
         },
-    })  # fmt: skip
+    }
 
 
 def summary(result: dict[str, Any]) -> list[str]:
@@ -143,6 +224,8 @@ def summary(result: dict[str, Any]) -> list[str]:
         + (", some of them trained on" if result["trained_on_these_clips"] else " never trained on")
         + f"; {result['frames']} frames at {result['fps']:g} per second",
         "prediction error    " + "  ".join(f"{ms} ms {number(e)}" for ms, e in result["prediction_error"].items()),
+        "standard error      "
+        + "  ".join(f"{ms} ms {number(e, '.2g')}" for ms, e in result["prediction_error_standard_error"].items()),
         f"motion change       true {number(true)} a frame; after "
         + "  ".join(f"{frame}: {number(c)}" + (f" ({c / true:.0%})" if c is not None else "")
                     for frame, c in change["at"].items()),
@@ -163,12 +246,12 @@ def _weighted(pairs: Sequence[tuple[float, int]]) -> float:
     return float(sum(float(mean) * n for mean, n in pairs) / total)
 
 
-def _jsonable(value: Any) -> Any:
+def jsonable(value: Any) -> Any:
     """Plain numbers; infinity and NaN, which JSON has not, become ``None``."""
     if isinstance(value, dict):
-        return {str(key): _jsonable(item) for key, item in value.items()}
+        return {str(key): jsonable(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
-        return [_jsonable(item) for item in value]
+        return [jsonable(item) for item in value]
     if isinstance(value, (float, np.floating)):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, np.integer):

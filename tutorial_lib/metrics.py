@@ -62,6 +62,15 @@ def prediction_error(pred: Array, truth: Array, fps: float, times_ms: Sequence[f
     Returns ``(len(times_ms),)`` in the features' units.
     Raises ``TutorialError`` where the shapes differ or there are too few frames.
     """
+    return prediction_errors(pred, truth, fps, times_ms).mean(0)
+
+
+@numpy_or_torch
+def prediction_errors(pred: Array, truth: Array, fps: float, times_ms: Sequence[float] = PAPER_TIMES_MS) -> Array:
+    """``prediction_error`` of each seed by itself: ``(N, len(times_ms))``; arguments and errors are the same.
+
+    How far the seeds lie apart tells how much a mean over them is worth (``standard_error``).
+    """
     times = [float(t) for t in times_ms]
     if pred.ndim != 3 or truth.ndim != 3 or pred.shape[::2] != truth.shape[::2]:
         raise TutorialError(
@@ -74,7 +83,17 @@ def prediction_error(pred: Array, truth: Array, fps: float, times_ms: Sequence[f
             f"{max(times):g} ms at {fps:g} frames per second are {max(frames)} frames, prediction and truth have {have}"
         )
     index = [f - 1 for f in frames]
-    return frame_distance(pred[:, index], truth[:, index]).mean(0)
+    return frame_distance(pred[:, index], truth[:, index])
+
+
+@numpy_or_torch
+def standard_error(values: Array) -> Array:
+    """Of the mean of ``(N, ...)`` values over their first axis: ``s / sqrt(N)``, shape ``(...)``; NaN for N = 1.
+
+    s is the sample's standard deviation (divided by N - 1). Means of two systems on the same seeds are compared by
+    the standard error of the seeds' *differences*, which is mostly the smaller one.
+    """
+    return values.std(0, unbiased=True) / len(values) ** 0.5 if len(values) > 1 else values[0] * float("nan")
 
 
 # -- does it still move ------------------------------------------------------------------------------------
@@ -161,6 +180,43 @@ def stagnations(
     return [(a / fps, (b - a) / fps) for a, b in stretches]
 
 
+@numpy_or_torch
+def pose_spread(positions: Array, fps: float, seconds: float = 5.0) -> Array:
+    """How much the pose varies within each ``seconds``: metres ``(..., T - n + 1)`` for windows of n frames.
+
+    ``s_t = sqrt(mean over the window's frames and nodes of |x - mean pose of the window|^2)``, x relative to the root
+    along the world's axes. A figure that trembles has a motion change but hardly a spread.
+    positions: ``(..., T, J, 3)`` metres. Raises ``TutorialError`` where the motion is shorter than the window.
+    """
+    frames = max(1, round(float(seconds) * float(fps)))
+
+    def spread(x: torch.Tensor) -> torch.Tensor:
+        x = (x - x[:, :1]).double().flatten(1)  # (T, 3J)
+        x = x - x[:1]  # small numbers, whose squares lose no digits
+        mean = moving_mean(x.T, frames)  # (3J, T - n + 1)
+        square = moving_mean(x.square().T, frames) - mean.square()
+        return (square.sum(0).clamp(min=0) / (x.shape[1] / 3)).sqrt()
+
+    return _each_sequence(spread, positions, 3).to(positions.dtype)
+
+
+@numpy_or_torch
+def stuck_time(positions: Array, true_spread: float, fps: float, fraction: float = 0.25, seconds: float = 5.0) -> Array:
+    """Seconds until a motion first stays in one pose, trembling or not; infinity if it never does.
+
+    Rule: it is stuck from t on where its ``pose_spread`` over the ``seconds`` that follow is below ``fraction`` of the
+    true one (the mean ``pose_spread`` of real clips, each over its whole length). acRNN, figure 7: "slight motion
+    occurs, but pose remains unaltered". Real clips of the acRNN's styles have no 5 s below half of the mean.
+
+    positions: ``(..., T, J, 3)`` metres. Returns ``(...)``. Values that are not finite are not stuck.
+    """
+    if not (float(true_spread) > 0 and np.isfinite(float(true_spread))):
+        raise TutorialError(f"true pose spread {float(true_spread)}: expected a number above zero")
+    stuck = pose_spread(positions, fps, seconds) < fraction * float(true_spread)
+    first = stuck.to(torch.uint8).argmax(-1).to(positions.dtype) / fps
+    return torch.where(stuck.any(-1), first, torch.full_like(first, float("inf")))
+
+
 # -- is it still a person ----------------------------------------------------------------------------------
 
 
@@ -198,6 +254,73 @@ def divergence_time(positions: Array, data_reach: float, fps: float, factor: flo
 def diverged(positions: Array, data_reach: float, factor: float = 1.5) -> Array:
     """Whether a motion leaves the range of human poses at all (``divergence_time``'s rule): booleans ``(...)``."""
     return divergence_time(positions, data_reach, 1.0, factor) < float("inf")
+
+
+@numpy_or_torch
+def pose_distance(positions: Array, poses: Array) -> Array:
+    """How far each pose is from the nearest of some true ones, wherever both stand and face: metres ``(..., T)``.
+
+    ``d_t = min over poses p and turns R about the vertical of sqrt(mean over nodes of |x_t - R p|^2)``, with x and p
+    relative to their roots. The best turn has a closed form: with ``C = sum(x_x p_x + x_z p_z)`` and
+    ``S = sum(x_x p_z - x_z p_x)`` over the nodes, the largest ``sum of x . R p`` is
+    ``sqrt(C^2 + S^2) + sum(x_y p_y)``.
+
+    positions: ``(..., T, J, 3)`` metres; poses: ``(P, J, 3)`` of the same skeleton. Frames that are not finite are
+    infinitely far.
+    Raises ``TutorialError`` where the numbers of nodes differ or there are no poses.
+    """
+    if poses.ndim != 3 or len(poses) == 0 or positions.shape[-2:] != poses.shape[-2:]:
+        raise TutorialError(
+            f"positions of shape {tuple(positions.shape)} and poses of shape {tuple(poses.shape)}: expected "
+            "(..., T, J, 3) and (P, J, 3), P of at least 1"
+        )
+    px, py, pz = (poses - poses[:, :1]).float().unbind(-1)
+    size = (px.square() + py.square() + pz.square()).sum(-1)  # (P,)
+
+    def nearest(x: torch.Tensor) -> torch.Tensor:
+        parts = []
+        for part in (x - x[:, :1]).float().split(2000):  # (t, J, 3): a matrix of distances of bounded size
+            xx, xy, xz = part.unbind(-1)
+            turned = torch.hypot(xx @ px.T + xz @ pz.T, xx @ pz.T - xz @ px.T)
+            square = part.square().sum((-2, -1))[:, None] + size - 2 * (turned + xy @ py.T)
+            parts.append(square.amin(-1).clamp(min=0) / part.shape[-2])
+        distance = torch.cat(parts).sqrt().to(x.dtype)
+        return torch.where(torch.isfinite(distance), distance, torch.full_like(distance, float("inf")))
+
+    return _each_sequence(nearest, positions, 3)
+
+
+def pose_range(clips: Sequence[Array]) -> float:
+    """How far true poses lie from the nearest pose of *other* clips at most, in metres: the range of human poses.
+
+    Each clip ``(T, J, 3)`` in turn is held out and its poses are looked for among the others'
+    (``pose_distance``); the largest distance of all is what a true motion nobody has seen may have.
+    Raises ``TutorialError`` for fewer than two clips.
+    """
+    if len(clips) < 2:
+        raise TutorialError(f"the range of poses of {len(clips)} clip: expected at least 2, each is held out in turn")
+    clips = [np.asarray(clip) for clip in clips]
+    others = [np.concatenate(clips[:k] + clips[k + 1 :]) for k in range(len(clips))]
+    return max(float(pose_distance(clip, poses).max()) for clip, poses in zip(clips, others, strict=True))
+
+
+@numpy_or_torch
+def range_exit_time(
+    distance: Array, data_range: float, fps: float, factor: float = 1.25, seconds: float = 1.0
+) -> Array:
+    """Seconds until a motion first stays outside the range of human poses; infinity if it never does.
+
+    Rule: it is outside from t on where the mean of its ``pose_distance`` over the ``seconds`` that follow is above
+    ``factor`` times ``data_range`` (``pose_range`` of true clips), or one of these is not finite. A stretched frame or
+    two are none.
+
+    distance: ``(..., T)``. Returns ``(...)``. Raises ``TutorialError`` where the motion is shorter than the window.
+    """
+    frames = max(1, round(float(seconds) * float(fps)))
+    limit = factor * float(data_range)
+    outside = _each_sequence(lambda d: ~(moving_mean(d, frames) <= limit), distance, 1)
+    first = outside.to(torch.uint8).argmax(-1).to(distance.dtype) / fps
+    return torch.where(outside.any(-1), first, torch.full_like(first, float("inf")))
 
 
 # -- feet and bones ----------------------------------------------------------------------------------------

@@ -1,0 +1,302 @@
+"""Many training runs, one beside the other: what every paper's ``reproduce`` command stands on.
+
+A :class:`Run` is a name and a recipe; its checkpoint is ``FOLDER/name.safetensors``. Runs go to processes of their own,
+each with one torch thread, since small networks gain little from a second one. They can be stopped and
+killed at any moment and are resumed from their last save; a process whose parent is gone saves and ends.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import dataclasses
+import functools
+import multiprocessing
+import multiprocessing.connection
+import os
+import pathlib
+import queue
+import signal
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import torch
+
+from ..data.catalog import DATA
+from ..errors import CheckpointError, TutorialError
+from ..motion.clip import Motion
+from ..recipes import Recipe, differences, recipe_in, sets_of, trainer_for
+from ..training.checkpoints import read_header
+from ..training.trainer import Trainer, TrainingError
+
+Clips = Sequence[tuple[list[Motion], list[Motion]]]  # what recipes.sets_of gives
+Report = Callable[[str, int], None]  # a run's name and the steps that it has done; raises Stopped when it is to stop
+
+SAVE_SECONDS = 60.0
+
+
+class Stopped(KeyboardInterrupt):
+    """Work that was told to stop, by Ctrl-C or because another run failed; what was done is saved."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """One network to train. ``name`` is its place below the folder of runs, such as ``martial/aclstm``."""
+
+    name: str
+    recipe: Recipe
+
+    def path(self, folder: str | os.PathLike) -> pathlib.Path:
+        """Its checkpoint in a folder of runs."""
+        return pathlib.Path(folder) / f"{self.name}.safetensors"
+
+    def steps_left(self, folder: str | os.PathLike) -> int:
+        """How many steps are still to be trained.
+
+        Raises :class:`CheckpointError` if the run of another recipe is in its place, :class:`TrainingError` if it
+        stopped for good.
+        """
+        path = self.path(folder)
+        if not path.exists():
+            return self.recipe.steps
+        header = read_header(path)
+        try:
+            there = recipe_in(header)
+        except CheckpointError as error:
+            raise CheckpointError(f"{path}: {error}") from None
+        for name, (asked, stored) in differences(self.recipe, there).items():
+            raise CheckpointError(
+                f"{path}: holds a run with {name} {stored!r}, asked for {asked!r}; take another folder for the runs, "
+                "or remove that file"
+            )
+        status = header["training"].get("status")
+        if not header["resumable"] and status != "finished":
+            raise TrainingError(f"{path}: training has stopped for good: {status}")
+        return self.recipe.steps - int(header["training"]["steps_done"])
+
+
+def clips_for(recipe: Recipe) -> Clips:
+    """What :func:`tutorial_lib.recipes.sets_of` gives, kept for the next runs on the same data set."""
+    data = Recipe("lstm", recipe.data, height=recipe.height, joints=recipe.joints, test_fraction=recipe.test_fraction,
+                  seed=recipe.seed)  # fmt: skip
+    return _kept_clips(data, os.environ.get(DATA))
+
+
+@functools.lru_cache(maxsize=4)
+def _kept_clips(recipe: Recipe, folder: str | None) -> Clips:
+    return sets_of(recipe)
+
+
+def train(run: Run, folder: str | os.PathLike, report: Report, sets: Clips | None = None) -> None:
+    """Train what is left of a run; ``sets`` are its clips, by default :func:`clips_for` its recipe.
+
+    Raises :class:`Stopped`, with everything saved, on Ctrl-C or when ``report`` does.
+    """
+    if run.steps_left(folder) == 0:
+        return
+    sets = clips_for(run.recipe) if sets is None else sets
+    trainer = trainer_for(run.recipe, run.path(folder), save_seconds=SAVE_SECONDS, sets=sets,
+                          command="python -m tutorial_lib reproduce")  # fmt: skip
+
+    def each_step(trainer: Trainer) -> None:
+        try:
+            report(run.name, trainer.step)
+        except Stopped:
+            trainer.save()
+            raise
+
+    trainer.run(progress=False, live_plot=False, callback=each_step)
+    if not trainer.finished:
+        raise Stopped
+
+
+def seconds_a_step(recipe: Recipe, sets: Clips, trial: float = 0.6) -> float:
+    """How long a training step of a recipe takes here and now with one thread, tried for ``trial`` seconds."""
+    trainer = trainer_for(dataclasses.replace(recipe, steps=100_000), sets=sets)
+    with one_thread():
+        trainer.run(progress=False, live_plot=False, max_seconds=0)  # the first step is slow
+        start, first = time.monotonic(), trainer.step
+        while trainer.step < first + 3 or time.monotonic() - start < trial:
+            trainer.run(progress=False, live_plot=False, max_seconds=0)
+        return (time.monotonic() - start) / (trainer.step - first)
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Torch computes with one thread inside the block, so that a result does not depend on the number of cores."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+# --- side by side ---------------------------------------------------------------------------------
+
+
+def side_by_side(
+    function: Callable[..., Any], tasks: Sequence[tuple], *, jobs: int, heard: Report | None = None
+) -> list[Any]:
+    """``function(*task, report)`` for each task, at most ``jobs`` at a time, with one torch thread each.
+
+    With one job they run in this process, one after another; else in processes of their own, to which
+    function and tasks are sent (so the function must be one of a module). ``heard`` is called here with what the
+    tasks report. Returns the results in the tasks' order. The first error, or Ctrl-C, stops all others as
+    soon as they report again and is raised.
+    """
+    if jobs < 1:
+        raise TutorialError(f"the number of jobs must be 1 or more, not {jobs}")
+    heard = heard or (lambda name, step: None)
+    if jobs == 1 or len(tasks) <= 1:
+        with one_thread():
+            return [function(*task, heard) for task in tasks]
+    context = multiprocessing.get_context("spawn")  # a fork would copy torch's threads half way through their work
+    reports, stop = context.Queue(), context.Event()
+    pool = concurrent.futures.ProcessPoolExecutor(
+        min(jobs, len(tasks)), context, initializer=_begin, initargs=(reports, stop)
+    )
+    try:
+        futures = [pool.submit(_work, function, task) for task in tasks]
+        waiting = set(futures)
+        while waiting:
+            done, waiting = concurrent.futures.wait(
+                waiting, timeout=0.2, return_when=concurrent.futures.FIRST_COMPLETED
+            )
+            with contextlib.suppress(queue.Empty):
+                while True:
+                    heard(*reports.get_nowait())
+            for future in done:
+                future.result()  # raises what the task raised
+        return [future.result() for future in futures]
+    except concurrent.futures.process.BrokenProcessPool:
+        raise TutorialError(
+            "a training process ended unexpectedly, perhaps for lack of memory; call again to go on, with fewer jobs"
+        ) from None
+    finally:
+        stop.set()
+        pool.shutdown(cancel_futures=True)
+
+
+_reports: Any = None  # of a process that side_by_side started: where it reports to,
+_stop: Any = None  # and what it is told to stop by
+
+
+def _begin(reports: Any, stop: Any) -> None:
+    global _reports, _stop
+    _reports, _stop = reports, stop
+    torch.set_num_threads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it and says stop
+    warnings.showwarning = _Notes()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+class _Notes:
+    """Warnings as one line each; every run of a style would tell the same ones."""
+
+    def __init__(self):
+        self._told: set[str] = set()
+
+    def __call__(self, message, *_, **__) -> None:
+        if str(message) not in self._told:
+            self._told.add(str(message))
+            print(f"note: {message}", file=sys.stderr, flush=True)
+
+
+def _end_with_parent() -> None:
+    multiprocessing.connection.wait([multiprocessing.parent_process().sentinel])
+    _stop.set()
+    time.sleep(15)  # for a last save
+    os._exit(1)
+
+
+def _work(function: Callable[..., Any], task: tuple) -> Any:
+    last = 0.0
+
+    def report(name: str, step: int) -> None:
+        nonlocal last
+        if _stop.is_set():
+            raise Stopped
+        now = time.monotonic()
+        if now - last >= 1.0:
+            last = now
+            _reports.put((name, step))
+
+    return function(*task, report)
+
+
+# --- what is told meanwhile -----------------------------------------------------------------------
+
+
+class Told:
+    """Progress of many runs as plain lines: which run, how far, how many are done, when all will be.
+
+    left: the steps that each run still has to go. cost: seconds of one core that each run is expected to take,
+    ``{name: (a step, measuring after the last)}``.
+    """
+
+    def __init__(
+        self,
+        runs: Sequence[Run],
+        left: Mapping[str, int],
+        cost: Mapping[str, tuple[float, float]],
+        *,
+        jobs: int,
+        tell: Callable[[str], None] = print,
+        every: float = 30.0,
+    ):
+        self._steps = {run.name: run.recipe.steps for run in runs}
+        self._done = {run.name: run.recipe.steps - left[run.name] for run in runs}
+        self._cost, self._jobs, self._tell, self._every = cost, jobs, tell, every
+        self._finished: set[str] = set()
+        self._start = self._last = time.monotonic()
+        self._work = self.work_left()
+
+    def work_left(self) -> float:
+        """Seconds of one core, as calibrated."""
+        return sum(
+            (steps - self._done[name]) * self._cost[name][0] + self._cost[name][1]
+            for name, steps in self._steps.items()
+            if name not in self._finished
+        )
+
+    def __call__(self, name: str, step: int) -> None:
+        """``step`` steps of the run ``name`` are done; one more than there are: it has been measured too."""
+        if step > self._steps[name]:
+            self._done[name] = self._steps[name]
+            self._finished.add(name)
+        else:
+            self._done[name] = step
+        now = time.monotonic()
+        if step > self._steps[name]:
+            self._tell(f"{name}: done; {self._rest(now)}")
+        elif now - self._last >= self._every:
+            going = ", ".join(
+                f"{n} {self._done[n]} of {s} steps" for n, s in self._steps.items() if 0 < self._done[n] < s
+            )
+            self._tell(f"{going or name}; {self._rest(now)}")
+            self._last = now
+
+    def _rest(self, now: float) -> str:
+        left, spent = self.work_left(), now - self._start
+        done = self._work - left
+        seconds = left / self._jobs
+        if spent > 20 and done > 10:  # what has been done tells more than the calibration
+            seconds = left * spent / done
+        many = f"{len(self._finished)} of {len(self._steps)} runs done"
+        if left <= 0:
+            return many
+        at = time.strftime("%H:%M", time.localtime(time.time() + seconds))
+        return f"{many}, all at about {at} ({duration(seconds)} more)"
+
+
+def duration(seconds: float) -> str:
+    """For a person: 40 s, 12 min, 3 h 05 min."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
