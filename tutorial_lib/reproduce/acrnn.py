@@ -57,7 +57,8 @@ from ..evaluate import jsonable, roll_out
 from ..recipes import Recipe
 from ..training.checkpoints import load_checkpoint
 from ..training.trainer import TrainingError
-from .acrnn_measure import latest_failures, measure_published, published, seconds_of_measuring, train_and_measure
+from .acrnn_examples import examples, explore, failure_strip, load_examples, write_examples
+from .acrnn_measure import measure_published, published, seconds_of_measuring, train_and_measure
 from .acrnn_plan import LONG_RUNS, QUICK, RATES_TRIED, STYLES, SYSTEMS, Budget, Plan, Protocol
 from .acrnn_tables import (
     SCHEMA,
@@ -78,8 +79,11 @@ from .grid import Report, Run, Told, clips_for, duration, seconds_a_step, side_b
 __all__ = [
     "difference",
     "error",
+    "explore",
+    "failure_strip",
     "figures",
     "findings",
+    "load_examples",
     "load_result",
     "motion_change",
     "pairs",
@@ -135,10 +139,12 @@ def reproduce(
         if tuning:
             plan, record = tune(plan, runs, costs, jobs=jobs, tell=tell)
         result = _measured(plan, runs, costs, jobs=jobs, long=long, train_missing=train_missing, tell=tell)
-        drawn = {**figures(result), "figure-7": latest_failures(result, plan, runs)}
+        drawn, motions = figures(result), examples(result, plan, runs)
     if record is not None:
         result["tuning"] = record
     path = write_result(result, out / "acrnn.json")
+    if motions is not None:
+        drawn["figure-7"] = failure_strip(load_examples(write_examples(*motions, path.with_suffix(".safetensors"))))
     for line in report(result):
         tell(line)
     for name, figure in drawn.items():

@@ -1,4 +1,4 @@
-"""One network of ``reproduce acrnn``: trained to its end, measured, its long samples, its failure drawn."""
+"""One network of ``reproduce acrnn``: trained to its end, measured, its long samples."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import dataclasses
 import math
 import pathlib
 import time
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,13 +19,9 @@ from ..generate import choose_windows, generate_features, prepare_for
 from ..motion.clip import Motion
 from ..recipes import Recipe, recipe_in, trainer_for
 from ..training.checkpoints import Checkpoint, load_checkpoint, read_header
-from ..view.strip import pose_strip
-from .acrnn_plan import DANCE, LONG_RUNS, SYSTEMS, Plan, Protocol
-from .failures import DIVERGENCE, Truth, failures
+from .acrnn_plan import LONG_RUNS, Protocol
+from .failures import Truth, failures
 from .grid import Clips, Report, Run, clips_for, one_thread, train
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def train_and_measure(
@@ -112,34 +108,6 @@ def _rounded(values: np.ndarray, digits: int = 5) -> list:
     if values.ndim > 1:
         return [_rounded(row, digits) for row in values]
     return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values]
-
-
-def latest_failures(result: Mapping[str, Any], plan: Plan, folder: pathlib.Path) -> Figure | None:
-    """Figure 7: for each system, trained on the Indian dance, the sample that failed last, about when it did.
-
-    Two seconds before and three after, blank where limbs are farther away than ``DIVERGENCE`` allows. The samples
-    are made again from the checkpoints. None if no system failed.
-    """
-    protocol, rows = plan.protocol, {}
-    for run in plan.runs():
-        style, system = run.name.split("/")
-        latest = result["runs"].get(run.name, {}).get("failures", {}).get("latest")
-        if style != DANCE or system not in SYSTEMS or latest is None:
-            continue
-        checkpoint, clips = load_checkpoint(run.path(folder)), clips_for(run.recipe)[0][1]
-        with one_thread():
-            rolled = roll_out(checkpoint, clips, count=protocol.seeds, frames=protocol.frames,
-                              seed_frames=protocol.seed_frames)  # fmt: skip
-        fps, at = rolled.fps, round(latest["seconds"] * rolled.fps)
-        first = max(0, at - round(2 * fps))
-        part = rolled.made[latest["sample"], first : at + round(3 * fps)]
-        reach = result["splits"][f"{style} seed {run.recipe.seed}"]["truth"]["reach"]
-        ends = metrics.divergence_time(rolled.representation.decode_positions(part), reach, fps, **DIVERGENCE)
-        part = part[: max(2, round(ends * fps))] if np.isfinite(ends) else part
-        if np.isfinite(part).all():
-            label = f"{SYSTEMS[system].title}: {latest['rule']}, {latest['seconds']:.1f} s"
-            rows[label] = rolled.representation.decode(part).settled()
-    return pose_strip(list(rows.values()), labels=list(rows), frames=9, row_height=1.7) if rows else None
 
 
 # --- long samples ---------------------------------------------------------------------------------
