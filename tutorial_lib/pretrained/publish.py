@@ -168,6 +168,7 @@ def own_seeds(
         "count": len(windows),
         "frames": frames,
         "made_by": "the network itself, half-precision weights",
+        "true_motion_change": float(true_change),  # of the training clips, in the representation
         "seconds_after_the_captured_seed": [round(seconds[0], 2), round(seconds[-1], 2)],
         "nearest_captured_motion_m": round(min(distances[w] for w in windows), 4),
     }
