@@ -1,9 +1,8 @@
 """The papers' tables and figures, one command each: ``python -m tutorial_lib reproduce acrnn --data DIR``.
 
-A command trains what is missing, measures everything and writes one JSON file, its result. The results that the lessons
-show lie in ``results/`` and are what the commands gave:
+A command trains what is missing, measures everything and writes one JSON file, its result, to be read again:
 
 >>> from tutorial_lib.reproduce import acrnn
->>> result = acrnn.load_result()
+>>> result = acrnn.load_result("runs/acrnn/acrnn.json")
 >>> acrnn.tables(result)["table 1"]
 """
