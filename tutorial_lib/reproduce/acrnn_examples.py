@@ -6,6 +6,7 @@ half-precision features in one safetensors file, so that a lesson can show them 
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import pathlib
@@ -51,8 +52,9 @@ def examples(
     """
     protocol, found, made = plan.protocol, {}, None
     runs = {run.name: run for run in plan.runs() if run.name in result["runs"]}
+    samples = functools.cache(lambda name: _made(runs[name], folder, protocol))  # some are a pair and a failure
     for (u, v), name in pairs(result).items():
-        made = _made(runs[name], folder, protocol)
+        made = samples(name)
         first, last = (round(seconds * made.fps) for seconds in WATCHED)
         first = min(first, protocol.frames // 2)  # of a quick trial there is less
         found[f"pair {u} {v}"] = made.made[0, first:last]
@@ -61,7 +63,7 @@ def examples(
         latest = result["runs"][run.name]["failures"]["latest"]
         if style != DANCE or system not in SYSTEMS or latest is None:
             continue
-        made = _made(run, folder, protocol)
+        made = samples(run.name)
         at = round(latest["seconds"] * made.fps)
         part = made.made[latest["sample"], max(0, at - round(BEFORE * made.fps)) : at + round(AFTER * made.fps)]
         reach = result["splits"][f"{style} seed {run.recipe.seed}"]["truth"]["reach"]

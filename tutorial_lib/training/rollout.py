@@ -123,7 +123,7 @@ def _check_schedule(schedule: Tensor | np.ndarray | Sequence[bool], batch: int, 
 
 def _runs(truth: Tensor) -> list[tuple[int, int]]:
     """Stretches [a, b) of frames of which only the first may read an own output; ``truth`` is (B, T)."""
-    starts = [0, *(t for t in (~truth.all(dim=0)).nonzero()[:, 0].tolist())]
+    starts = [0, *(~truth.all(dim=0)).nonzero()[:, 0].tolist()]
     return list(zip(starts, [*starts[1:], truth.shape[1]], strict=True))
 
 
@@ -155,6 +155,7 @@ def _fast_rollout(model: LSTM3LR, x: Tensor, truth: Tensor, state: State | None)
             lease = _Lease(model, frames)
             y, h, c = _forward(lease.workspace, fed, frames.transpose(0, 1), h, c, parameters)
             pieces.append(y.transpose(0, 1))
+            del lease  # before the next one is made, which takes over the memory
     return torch.cat(pieces, dim=1), (h, c)
 
 
