@@ -7,9 +7,19 @@ import pathlib
 
 import numpy as np
 import pytest
+import torch
 
 from tutorial_lib.motion import Motion, Skeleton
 from tutorial_lib.motion.rotations import quat_normalize
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread():
+    """Sums are in the same order in every process, and tests do not slow down beside other load."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="session")
@@ -42,3 +52,43 @@ def small_motion(small_skeleton: Skeleton) -> Motion:
     rotations = quat_normalize(steps + np.array([1.0, 0, 0, 0]))
     root = rng.normal(scale=0.02, size=(50, 3)).cumsum(0) + np.array([0.0, 0.9, 0.0])
     return Motion.from_rotations(small_skeleton, 30.0, root, rotations, name="small")
+
+
+@pytest.fixture
+def fails(capsys):
+    """Run a command that must fail: one line on standard error, status 2; gives the line."""
+
+    from tutorial_lib.cli import main
+
+    def run(*arguments) -> str:
+        capsys.readouterr()
+        try:
+            status = main([str(a) for a in arguments])
+        except SystemExit as end:  # argparse
+            status = end.code
+        out, err = capsys.readouterr()
+        lines = [
+            line for line in err.splitlines() if not line.startswith(("note:", "lstm:", "generating:", "writing:"))
+        ]
+        assert status == 2 and len(lines) == 1 and lines[0].startswith("error: "), (status, err)
+        assert "Traceback" not in out + err
+        return lines[0]
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A headless Chromium for the tests of one file; they are skipped where there is none."""
+    from browser import chromium
+
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture
+def closed_afterwards(browser):
+    """Pages left open would go on playing beside the next test's."""
+    yield
+    for context in browser.contexts:
+        context.close()

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 import torch
 
-from tutorial_lib.cli import main
+from tutorial_lib.cli import SYSTEM_OPTIONS, main
 from tutorial_lib.motion import Motion, Skeleton, read_bvh, write_bvh
 from tutorial_lib.training import rollout_benchmark
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header
 from tutorial_lib.training.conditioning import auto_conditioning
 from tutorial_lib.training.rollout import rollout
-from tutorial_lib.training.systems import make_system
+from tutorial_lib.training.systems import SYSTEMS, make_system
 from tutorial_lib.training.trainer import Trainer
 
 PROJECT = pathlib.Path(__file__).resolve().parents[1]
@@ -63,27 +63,6 @@ def trained(clips, tmp_path_factory) -> pathlib.Path:
     out = tmp_path_factory.mktemp("trained") / "swing.safetensors"
     assert main(["train", "lstm", "--data", str(clips), "--out", str(out), *FAST]) == 0
     return out
-
-
-@pytest.fixture
-def fails(capsys):
-    """Run a command that must fail: one line on standard error, status 2; gives the line."""
-
-    def run(*arguments) -> str:
-        capsys.readouterr()
-        try:
-            status = main([str(a) for a in arguments])
-        except SystemExit as end:  # argparse
-            status = end.code
-        out, err = capsys.readouterr()
-        lines = [
-            line for line in err.splitlines() if not line.startswith(("note:", "lstm:", "generating:", "writing:"))
-        ]
-        assert status == 2 and len(lines) == 1 and lines[0].startswith("error: "), (status, err)
-        assert "Traceback" not in out + err
-        return lines[0]
-
-    return run
 
 
 # --- info, view, data -----------------------------------------------------------------------------
@@ -281,7 +260,8 @@ def test_killed_interrupted_and_whole_runs_are_the_same(clips, tmp_path, capsys,
     command = ["train", "lstm", "--data", str(clips), "--out", str(out), "--resume"]
     assert main(command) == 0
     ours, theirs = (load_checkpoint(p).model.state_dict() for p in (out, whole))
-    assert all(torch.equal(ours[name], theirs[name]) for name in theirs)
+    for name in theirs:  # a step lost or done twice, or other batches, would be seen at 1e-2
+        torch.testing.assert_close(ours[name], theirs[name], rtol=0, atol=1e-4, msg=lambda m, n=name: f"{n}: {m}")
     capsys.readouterr()
     assert main(command) == 0
     assert "already finished" in capsys.readouterr().out
@@ -296,7 +276,7 @@ def test_resume_starts_what_is_not_there(clips, tmp_path):
 @pytest.mark.parametrize(
     "system, options, kept",
     [
-        ("aclstm", ["--u", "3", "--v", "2"], {"u": 3, "v": 2}),
+        ("aclstm", ["--u", "3", "--v", "2", "--noise", "0.02"], {"u": 3, "v": 2, "noise": 0.02}),
         ("aclstm", [], {"u": 5, "v": 5}),
         (
             "scheduled-sampling",
@@ -319,6 +299,39 @@ def test_other_systems_are_trained_and_told_in_the_file(system, options, kept, c
     capsys.readouterr()
     assert main(["info", str(out)]) == 0
     assert f"{system} (dim 27, hidden 6, layers 2" in capsys.readouterr().out
+
+
+def test_every_option_and_system_can_be_asked_for(capsys):
+    assert sorted(SYSTEM_OPTIONS) == sorted({option for kind in SYSTEMS.values() for option in kind.options})
+    with pytest.raises(SystemExit):
+        main(["train", "--help"])
+    told = capsys.readouterr().out
+    for flag in (f"--{option.replace('_', '-')}" for option in SYSTEM_OPTIONS):
+        assert re.search(rf"^  {flag}\b", told, re.MULTILINE), flag
+    assert all(system in told for system in SYSTEMS)
+
+
+def test_the_vae_lstm_is_trained_by_the_same_command(tmp_path, capsys, fails, monkeypatch):
+    monkeypatch.delenv("TUTORIAL_DATA", raising=False)
+    out, data = tmp_path / "vae.safetensors", ["samples/walking", "samples/running"]
+    sizes = ["--hidden", "6", "--filters", "4", "--kernel", "5"]
+    train = ["train", "vae-lstm", "--data", *data, "--out", str(out), *sizes]
+    assert main([*train, "--batch", "64", "--length", "40", "--steps", "3", "--deviation", "0.5"]) == 0
+    assert "samples/walking + samples/running: 8 clips to train on" in capsys.readouterr().out
+    checkpoint = load_checkpoint(out)
+    assert checkpoint.config["control"] == (63, 66) and checkpoint.config["kernel"] == 5
+    assert checkpoint.training["deviation"] == 0.5 and checkpoint.training["pad"] and checkpoint.normalizer.dim == 66
+    assert main([*train, "--resume"]) == 0 and "already finished, 3 steps" in capsys.readouterr().out
+    told = fails("generate", out, "-o", tmp_path / "made", "--data", data[0])
+    assert "follows a control signal" in told and not (tmp_path / "made").exists()
+    assert "follows a control signal" in fails("evaluate", out, "--data", data[0])
+    told = fails(*train, "--out", tmp_path / "x", "--length", "41")
+    assert "multiple of 4 frames, the length is 41" in told
+    assert "--filters is not for system 'lstm'" in fails("train", "lstm", *train[2:], "--out", tmp_path / "x")
+    assert "no number of layers" in fails(*train, "--out", tmp_path / "x", "--layers", "2")
+    assert "root and joints only: expected hip-frame" in fails(
+        *train, "--out", tmp_path / "x", "--representation", "positions"
+    )
 
 
 def test_hybrid_training_is_told_and_resumed(clips, tmp_path, capsys, fails, monkeypatch):

@@ -6,7 +6,7 @@ import base64
 
 import numpy as np
 import pytest
-from browser import chromium, new_page
+from browser import new_page
 
 from tutorial_lib.data import load
 from tutorial_lib.motion import Motion
@@ -15,17 +15,7 @@ from tutorial_lib.view import Cell, explorer, show
 EXPLORER = "document.querySelector('[data-motion-explorer]').explorer"
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
-
-
-@pytest.fixture(autouse=True)
-def closed_afterwards(browser):
-    yield
-    for context in browser.contexts:
-        context.close()
+pytestmark = pytest.mark.usefixtures("closed_afterwards")
 
 
 @pytest.fixture(scope="module")

@@ -266,19 +266,19 @@ def test_evaluation_in_numbers(small_skeleton):
     change = result["motion_change"]
     assert change["true"] == pytest.approx(0.2 * 118 / 119, rel=1e-5)  # the first step repeats the second
     assert change["at"] == {"15": pytest.approx(0, abs=1e-7), "60": pytest.approx(0, abs=1e-7)}
-    assert result["freezing"] == {"count": 5, "seconds": [0.0] * 5}
+    assert result["standstill"] == result["freezing"] == {"count": 5, "seconds": [0.0] * 5}  # shorter than 10 s
     assert result["divergence"]["count"] == 0 and result["divergence"]["seconds"] == [None] * 5
     assert result["foot_skate"] is None  # seven nodes with names nobody knows
     assert result["bone_drift"]["generated"] == pytest.approx(0, abs=1e-6)
     assert not result["trained_on_these_clips"]
-    assert any("stands still" in line and "5 of 5, at 0.0 s" in line for line in summary(result))
+    assert any("freezes, 10 s" in line and "5 of 5, at 0.0 s" in line for line in summary(result))
 
 
 def test_evaluation_sees_a_body_that_grows(small_skeleton, small_motion):
     """Counting adds a metre to every coordinate about the root and frame: it leaves human poses at once."""
     result = evaluate(checkpoint_for(small_motion, Counting(21)), [small_motion], count=3, frames=40)
     assert result["divergence"]["count"] == 3 and max(result["divergence"]["seconds"]) < 0.1
-    assert result["freezing"]["count"] == 0
+    assert result["standstill"]["count"] == result["freezing"]["count"] == 0
     assert result["motion_change"]["at"]["40"] == pytest.approx(math.sqrt(21), rel=1e-4)
     assert result["bone_drift"]["generated"] > 1.0
 

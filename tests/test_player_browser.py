@@ -10,7 +10,7 @@ import pytest
 
 nbformat = pytest.importorskip("nbformat")
 
-from browser import PLAYER, chromium, jupyterlab, new_page, picture, wait_until_ready  # noqa: E402
+from browser import PLAYER, jupyterlab, new_page, picture, wait_until_ready  # noqa: E402
 
 from tutorial_lib.motion import Motion  # noqa: E402
 from tutorial_lib.view import show  # noqa: E402
@@ -21,18 +21,7 @@ CANVAS = "document.querySelector('[data-motion-player]').shadowRoot.querySelecto
 CELL = "from tutorial_lib.view import show\nfrom tutorial_lib.view.benchmark import stand_in\nshow(stand_in(90))"
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
-
-
-@pytest.fixture(autouse=True)
-def closed_afterwards(browser):
-    """Pages left open would go on playing beside the next test's."""
-    yield
-    for context in browser.contexts:
-        context.close()
+pytestmark = pytest.mark.usefixtures("closed_afterwards")
 
 
 @pytest.fixture(scope="module")

@@ -54,24 +54,6 @@ def weights(folder, monkeypatch) -> pathlib.Path:
     return folder
 
 
-@pytest.fixture
-def fails(capsys):
-    """Run a command that must end with status 2 and one line; gives the line."""
-
-    def run(*arguments) -> str:
-        capsys.readouterr()
-        try:
-            status = main([str(a) for a in arguments])
-        except SystemExit as end:
-            status = end.code
-        err = capsys.readouterr().err
-        lines = [line for line in err.splitlines() if not line.startswith(("generating:", "writing:", "note:"))]
-        assert status == 2 and len(lines) == 1 and lines[0].startswith("error: "), (status, err)
-        return lines[0]
-
-    return run
-
-
 # --- what is there --------------------------------------------------------------------------------
 
 

@@ -13,12 +13,15 @@ from tutorial_lib.training.conditioning import seed_only
 from tutorial_lib.training.rollout import rollout
 from tutorial_lib.training.systems import (
     SYSTEMS,
+    AutoConditionedLoss,
     NoisyInputLoss,
     Seq2SeqLoss,
     make_system,
     next_frame_loss,
     system_kind,
 )
+
+PREDICTING = [name for name, kind in SYSTEMS.items() if kind.predicts]
 
 
 def sigmoid(x):
@@ -180,6 +183,23 @@ def test_noise_rises_from_none_to_the_deviation_asked_for():
     assert NoisyInputLoss()(model, batch + 1, rng, 1.0).item() == 0 and torch.equal(rng.get_state(), before)
 
 
+def test_noise_of_auto_conditioning_is_on_the_truth_that_is_fed_alone():
+    """The network repeats: what it puts out at first is the noise on the truth, and of its own nothing is added."""
+    seen = []
+
+    class Notes(Repeats):
+        def forward(self, x, state=None):
+            seen.append(x)
+            return super().forward(x, state)
+
+    batch = torch.zeros(500, 5, 20)
+    loss = AutoConditionedLoss(u=1, v=3, noise=0.3)(Notes(), batch, torch.Generator().manual_seed(0), 0.0)
+    assert loss.item() == pytest.approx(20 * 0.3**2, rel=0.03)
+    assert all(torch.equal(frame, seen[0]) for frame in seen[1:4])
+    again = AutoConditionedLoss(u=1, v=3, noise=0.3)(Repeats(), batch, torch.Generator().manual_seed(0), 0.0)
+    assert again.item() == loss.item() and AutoConditionedLoss(u=1, v=3)(Repeats(), batch).item() == 0
+
+
 def test_targets_stay_clean():
     seen = []
 
@@ -254,6 +274,8 @@ def test_too_short_windows_and_wrong_options_are_told():
     for noise in (-0.1, float("inf"), float("nan"), "much", True):
         with pytest.raises(TutorialError, match="standard deviation of 0 or more"):
             make_system("erd", 3, noise=noise)
+        with pytest.raises(TutorialError, match="standard deviation of 0 or more"):
+            make_system("aclstm", 3, noise=noise)
     with pytest.raises(TutorialError, match="Seq2Seq: hidden must be a whole number"):
         Seq2SeqConfig(3, hidden=0)
     with pytest.raises(TutorialError, match="ERD: layers must be a whole number"):
@@ -263,7 +285,7 @@ def test_too_short_windows_and_wrong_options_are_told():
 # --- all networks ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", PREDICTING)
 def test_a_whole_sequence_is_the_same_as_a_frame_at_a_time(name):
     model = make_system(name, 5, hidden=6, seed=2).model
     x = random_frames(3, 9, 5, seed=1)
@@ -280,7 +302,7 @@ def test_a_whole_sequence_is_the_same_as_a_frame_at_a_time(name):
         torch.testing.assert_close(torch.cat([first, rest], dim=1), whole)
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", PREDICTING)
 def test_rollout_is_synthesis_for_every_network(name):
     """The engine under "truth for the seed, then never" and generation give the same frames."""
     model = make_system(name, 5, hidden=6, seed=2).model

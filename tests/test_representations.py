@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from tutorial_lib import data
 from tutorial_lib.errors import TutorialError
 from tutorial_lib.motion import Motion, Skeleton, read_motion, to_common
 from tutorial_lib.motion.rotations import quat_normalize
@@ -24,6 +25,7 @@ from tutorial_lib.representations import (
 )
 
 ALL = tuple(REPRESENTATIONS)
+IN_THE_BODYS_FRAME = ("hip-frame", "body-frame")
 BY_ROTATION = ("euler", "quaternion", "sixd")
 
 
@@ -84,7 +86,7 @@ def test_positions_by_hand():
 def test_dimensions():
     skeleton = person()
     dims = {name: make_representation(name, skeleton, 30).dim for name in ALL}
-    assert dims == {"positions": 63, "hip-frame": 66, "euler": 66, "quaternion": 87, "sixd": 129}
+    assert dims == {"positions": 63, "hip-frame": 66, "body-frame": 67, "euler": 66, "quaternion": 87, "sixd": 129}
     for name in ALL:
         r = make_representation(name, skeleton, 30)
         assert len(r.labels) == len(set(r.labels)) == r.dim
@@ -206,7 +208,7 @@ def test_what_is_lost_is_the_start_alone(name):
     """A motion moved over the ground (and for hip-frame turned) has the same features."""
     motion = wandering(person(), 20, 1)
     moved = motion.translate((3.0, 0.0, -2.0))
-    if name == "hip-frame":
+    if name in IN_THE_BODYS_FRAME:
         moved = moved.rotate_y(2.2)
     r = make_representation(name, motion.skeleton, motion.fps)
     np.testing.assert_allclose(r.encode(moved), r.encode(motion), atol=1e-5)
@@ -220,7 +222,7 @@ def test_start_and_heading(name):
     plain = r.decode(features)
     hip = plain.positions[0, 0]
     np.testing.assert_allclose(hip[[0, 2]], 0, atol=1e-12)
-    if name != "hip-frame":  # the lowest node of the first frame stands on the ground
+    if name not in IN_THE_BODYS_FRAME:  # the lowest node of the first frame stands on the ground
         assert abs(plain.positions[0, :, 1].min()) < 1e-9
         high = r.decode(features, start=(0, 5, 0))
         np.testing.assert_allclose(high.positions[0, 0], (0, 5, 0), atol=1e-12)
@@ -297,7 +299,7 @@ def test_torch_and_numpy_agree_in_batches(name):
 
 @pytest.mark.parametrize("name", ALL)
 def test_gradients_flow_through_decode_positions(name, small_motion):
-    motion = wandering(person(), 3, 8) if name == "hip-frame" else small_motion[:3]
+    motion = wandering(person(), 3, 8) if name in IN_THE_BODYS_FRAME else small_motion[:3]
     r = make_representation(name, motion.skeleton, 30)
     noise = 0.01 * np.random.default_rng(1).normal(size=(3, r.dim))
     features = torch.tensor(r.encode(motion) + noise, dtype=torch.float64, requires_grad=True)
@@ -403,3 +405,10 @@ def test_hip_frame_needs_no_toes():
     keep = [j for j, n in enumerate(COMMON_JOINTS) if "Toe" not in n and "Hand" not in n]
     less = Motion(motion.skeleton.subset(keep), 30, motion.positions[:, keep])
     assert make_representation("hip-frame", less.skeleton, 30).encode(less).shape == (5, 3 * len(keep) + 3)
+
+
+@pytest.mark.parametrize("name", REPRESENTATIONS)
+def test_the_parts_are_the_slices(name):
+    skeleton = data.load("samples/walking")[0].skeleton
+    made = make_representation(name, skeleton, 30.0)
+    assert set(made.parts) == set(made.slices) and all(made.labels[part] for part in made.slices.values())

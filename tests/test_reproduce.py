@@ -382,7 +382,7 @@ def test_rates_are_chosen_on_clips_that_are_neither_trained_on_nor_tested(tmp_pa
         samples=True, styles=("martial",), **{**QUICK, "budget": dataclasses.replace(QUICK["budget"], steps=40)}
     )
     chosen, record = module.tune(plan, tmp_path, jobs=1, tell=lambda line: None)
-    assert record["steps"] == 8 and set(record["chosen"]) == set(SYSTEMS)
+    assert record["steps"] == 20 and set(record["chosen"]) == set(SYSTEMS)
     for system in SYSTEMS:
         low, high = record["error"][system]["martial"]
         assert chosen.rates[system] == (1e-9 if low < high else 5e-3)

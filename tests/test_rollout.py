@@ -315,7 +315,7 @@ class Waves:
 
 @pytest.mark.parametrize(
     "name, options",
-    [("aclstm", {"u": 2, "v": 3}), ("scheduled-sampling", {"probability": 0.4, "decay": "linear"})],
+    [("aclstm", {"u": 2, "v": 3, "noise": 0.05}), ("scheduled-sampling", {"probability": 0.4, "decay": "linear"})],
 )
 def test_systems_train_and_resume_to_the_same_weights(name, options, tmp_path):
     def trainer(path, **changed):
@@ -338,11 +338,11 @@ def test_systems_train_and_resume_to_the_same_weights(name, options, tmp_path):
 
 
 def test_options_of_systems():
-    assert make_system("aclstm", 3, hidden=4).options == {"u": 5, "v": 5}
+    assert make_system("aclstm", 3, hidden=4).options == {"u": 5, "v": 5, "noise": 0.0}
     assert make_system("lstm", 3, hidden=4).options == {}
     with pytest.raises(TutorialError, match="'lstm' has no size 'u'; it has hidden, layers"):
         make_system("lstm", 3, u=5)
-    with pytest.raises(TutorialError, match="'aclstm' has no size or option 'w'; it has hidden, layers, u, v"):
+    with pytest.raises(TutorialError, match="'aclstm' has no size or option 'w'; it has hidden, layers, u, v, noise"):
         make_system("aclstm", 3, w=5)
     with pytest.raises(TutorialError, match=r"\(u=0, v=5\)"):
         make_system("aclstm", 3, u=0)

@@ -24,7 +24,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from .errors import CheckpointError, DataError, TutorialError
-from .recipes import JOINTS, NORMALIZE, Recipe
+from .recipes import DEFAULTS, JOINTS, NORMALIZE, Recipe
 
 if TYPE_CHECKING:
     from .motion.clip import Motion
@@ -47,7 +47,12 @@ MOST = {
     "repeats": 10_000,
 }
 # What some systems have besides, with defaults of their own (see training/systems.py).
-SYSTEM_OPTIONS = ("u", "v", "probability", "decay", "noise", "n_seed", "n_future")
+SYSTEM_OPTIONS = (
+    "u", "v", "probability", "decay", "noise", "n_seed", "n_future",
+    "deviation", "l1", "filters", "kernel", "pooling", "dropout", "cell", "latent", "cd", "past", "gibbs",
+    "stage", "pose_share", "future_share", "temporal", "smooth", "code_deviation", "summary_deviation",
+    "code", "velocity_code", "horizon", "future", "current", "summary",
+)  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -159,7 +164,9 @@ def _parser() -> argparse.ArgumentParser:
         argument_default=argparse.SUPPRESS,
     )
     train.add_argument(
-        "system", metavar="SYSTEM", help="what to train: lstm, aclstm, erd, seq2seq or scheduled-sampling"
+        "system",
+        metavar="SYSTEM",
+        help="what to train: lstm, aclstm, erd, seq2seq, scheduled-sampling, crbm, vae-lstm or dynamic-future-net",
     )
     train.add_argument(
         "--data",
@@ -178,15 +185,26 @@ def _parser() -> argparse.ArgumentParser:
 
     def setting(group, flag: str, text: str, **kwargs) -> None:
         name = kwargs.get("dest") or flag.lstrip("-").replace("-", "_")
-        default = getattr(Recipe, name)
+        default = DEFAULTS.get(name, getattr(Recipe, name))
         kwargs.setdefault("metavar", name.upper() if "choices" not in kwargs else None)
         group.add_argument(flag, help=text + (f" (default {default})" if default is not None else ""), **kwargs)
 
     group = train.add_argument_group("what is learnt from")
-    setting(group, "--representation", "positions, hip-frame, euler, quaternion or sixd", metavar="NAME")
+    setting(
+        group,
+        "--representation",
+        "positions, hip-frame (always of vae-lstm, of crbm unless told), body-frame (always of dynamic-future-net), "
+        "euler, quaternion or sixd",
+        metavar="NAME",
+    )
     setting(group, "--fps", "frames a second", type=_number(0, most=MOST["fps"]))
     setting(group, "--height", "the skeleton is scaled to so many metres; 0 leaves it", type=_height)
-    setting(group, "--length", "frames in a training window", type=_whole(2, MOST["length"]))
+    setting(
+        group,
+        "--length",
+        "frames in a training window; of vae-lstm 120, of dynamic-future-net 40",
+        type=_whole(2, MOST["length"]),
+    )
     setting(group, "--batch", "windows in a step", type=_whole(1, MOST["batch"]))
     setting(
         group,
@@ -214,8 +232,15 @@ def _parser() -> argparse.ArgumentParser:
     setting(
         group,
         "--joints",
-        "common: map every clip to the 21 common joints, for data sets of different skeletons",
+        "common: map every clip to the 21 common joints, for different skeletons; by default for vae-lstm and "
+        "dynamic-future-net",
         choices=JOINTS,
+    )
+    group.add_argument(
+        "--pad",
+        action=argparse.BooleanOptionalAction,
+        help="lengthen clips that are shorter than a window with their first and last pose; without, they are left "
+        "out (default: vae-lstm only)",
     )
     setting(
         group,
@@ -228,7 +253,8 @@ def _parser() -> argparse.ArgumentParser:
     setting(
         group,
         "--layers",
-        "recurrent layers (default: erd 2, seq2seq 1, else 3, as in the papers)",
+        "recurrent layers (default: erd and dynamic-future-net 2, seq2seq 1, else 3, as in the papers; vae-lstm has "
+        "but one, crbm none)",
         type=_whole(1, MOST["layers"]),
     )
     group = train.add_argument_group("what the network is fed (the truth, unless said here)")
@@ -253,7 +279,7 @@ def _parser() -> argparse.ArgumentParser:
         "--noise",
         type=_number(0, True),
         metavar="SD",
-        help="erd: standard deviation of noise on the frames that it reads, reached at the end (default 0)",
+        help="aclstm, erd: standard deviation of noise on the truth that is fed; erd reaches it at the end (default 0)",
     )
     group.add_argument(
         "--n-seed",
@@ -267,8 +293,60 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="seq2seq: frames that it makes from its own output, and is measured on (default 25)",
     )
+    group = train.add_argument_group("vae-lstm (the defaults are the paper's where it gives them)")
+    for flag, text in (
+        ("--filters", "of the first convolution of both encoders (default 64)"),
+        ("--kernel", "frames that a convolution sees, odd (default 25)"),
+        ("--pooling", "frames that each of the two pooling layers makes one of (default 2)"),
+    ):
+        group.add_argument(flag, type=_whole(1, MOST["hidden"]), metavar="N", help=text)
+    for flag, text in (
+        ("--dropout", "share of the input numbers left out in training (default 0.1)"),
+        ("--deviation", "of the errors that count as noise, in deviations of the data (default 1)"),
+        ("--l1", "weight of the mean absolute weight (default 0.1)"),
+    ):
+        group.add_argument(flag, type=_number(0, flag != "--deviation"), metavar="X", help=text)
+    group.add_argument("--cell", choices=("modified", "ordinary"), help="the recurrent cell (default modified)")
+    group.add_argument("--latent", choices=("per-step", "one"), help="codes of a window in training (default per-step)")
+    group = train.add_argument_group("crbm")
+    for flag, text in (
+        ("--cd", "steps of contrastive divergence (default 1; the VAE-LSTM paper has 1 and 15)"),
+        ("--past", "frames that a frame is conditioned on (default 3)"),
+        ("--gibbs", "Gibbs steps that make a frame at generation (default 30)"),
+    ):
+        group.add_argument(flag, type=_whole(1, MOST["hidden"]), metavar="N", help=text)
+    group = train.add_argument_group("dynamic-future-net (three stages, one after another)")
+    group.add_argument(
+        "--stage",
+        metavar="NAME",
+        help="all, or one of pose, future, dynamics; the latter two go on from --start (default all)",
+    )
+    for flag, text in (
+        ("--pose-share", "of the steps, for stage pose (default 0.3)"),
+        ("--future-share", "of the steps, for stage future (default 0.2); the rest is for dynamics"),
+        ("--smooth", "weight of the smoothness loss of stage future (default 1)"),
+        ("--temporal", "weight of the temporal-difference loss, 0: without (default 1)"),
+        ("--code-deviation", "of the errors of a code that count as noise (default 0.1)"),
+        ("--summary-deviation", "of those of a future's summary (default 0.3)"),
+    ):
+        group.add_argument(flag, type=_number(0, flag in ("--smooth", "--temporal")), metavar="X", help=text)
+    for flag, least, text in (
+        ("--code", 2, "numbers of a frame's code (default 16)"),
+        ("--velocity-code", 1, "those of them that are for the velocity (default 4)"),
+        ("--horizon", 1, "frames of future that are summed up (default 8; the paper has 8 or 16)"),
+        ("--summary", 1, "numbers of that summary (default 32)"),
+        ("--current", 1, "numbers of the current state (default 16)"),
+        ("--future", 0, "numbers of the future state, 0: without one (default 16)"),
+    ):
+        group.add_argument(flag, type=_whole(least, MOST["hidden"]), metavar="N", help=text)
     group = train.add_argument_group("training")
-    setting(group, "--steps", "steps of gradient descent", type=_whole(1, MOST["steps"]))
+    setting(
+        group,
+        "--steps",
+        "steps of gradient descent; of vae-lstm 1000, of dynamic-future-net 6000",
+        type=_whole(1, MOST["steps"]),
+    )
+    setting(group, "--start", "begin with the weights of another run of the same system", metavar="FILE")
     setting(group, "--lr", "learning rate", dest="learning_rate", type=_number(0), metavar="RATE")
     setting(group, "--schedule", "of the learning rate", choices=("one-cycle", "constant"))
     setting(group, "--clip", "largest norm of the gradient", type=_number(0), metavar="NORM")
@@ -300,7 +378,13 @@ def _parser() -> argparse.ArgumentParser:
         type=_whole(0, MOST["seed"]),
         default=0,
         metavar="S",
-        help="number that chooses the seed motions (default 0)",
+        help="number that chooses the seed motions, and all chance (default 0)",
+    )
+    generate.add_argument(
+        "--temperature",
+        type=_number(0, True),
+        metavar="T",
+        help="dynamic-future-net: how much chance there is; 0: none (default 1, as it was learnt)",
     )
     generate.add_argument("-o", "--out", required=True, metavar="DIR", help="folder for the files")
     generate.add_argument(
@@ -386,27 +470,13 @@ def _parser() -> argparse.ArgumentParser:
         epilog=f"example: {PROGRAM} reproduce acrnn --data DIR --runs runs/acrnn --jobs 2",
     )
     acrnn.set_defaults(run=_reproduce_acrnn)
-    acrnn.add_argument(
-        "--data",
-        metavar="DIR",
-        help="folder with cmu/walking, cmu/indian and cmu/martial, or: samples (default: where data list finds them)",
-    )
-    acrnn.add_argument(
-        "--runs", metavar="FOLDER", help="for the checkpoints (default runs/acrnn, of samples runs/acrnn-samples)"
-    )
-    acrnn.add_argument("--out", metavar="FOLDER", help="for acrnn.json and the figures (default: that of the runs)")
-    acrnn.add_argument(
-        "--jobs",
-        type=_whole(1, MOST["threads"]),
-        default=2,
-        metavar="N",
-        help="runs trained side by side, each with one thread (default 2)",
+    _add_places(
+        acrnn,
+        "acrnn",
+        "folder with cmu/walking, cmu/indian and cmu/martial, or: samples (default: where data list finds them)",
     )
     acrnn.add_argument(
         "--styles", nargs="+", default=["walking", "indian", "martial"], metavar="STYLE", help="of these only"
-    )
-    acrnn.add_argument(
-        "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
     )
     for size in ("steps", "hidden", "batch", "length"):
         least = 24 if size == "length" else 1
@@ -416,11 +486,30 @@ def _parser() -> argparse.ArgumentParser:
             metavar="N",
             help="of every run, instead of the paper's stand-in",
         )
-    acrnn.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
     acrnn.add_argument("--grid", action="store_true", help="also u and v that differ, for the explorer")
     acrnn.add_argument("--long", action="store_true", help="also samples of 18,000 frames, and of the weights shipped")
-    acrnn.add_argument("--no-train", action="store_true", help="measure the runs that are finished, and train none")
-    acrnn.add_argument("--quick", action="store_true", help="a trial with tiny networks and few steps")
+
+    vae = papers.add_parser(
+        "vae-lstm",
+        help="a recurrent variational autoencoder for motion synthesis: tables 1 and 2, figures 3 and 4",
+        description="Train the VAE-LSTM and the baselines, as far as they are missing, measure them, and print tables "
+        "1 and 2 with the paper's numbers beside ours. Can be stopped at any moment; called again, it goes on.",
+        epilog=f"example: {PROGRAM} reproduce vae-lstm --data DIR --runs runs/vae-lstm --jobs 2",
+    )
+    vae.set_defaults(run=_reproduce_vae_lstm)
+    _add_places(
+        vae,
+        "vae-lstm",
+        "folder with bandai-namco/locomotion, or: samples (default: where data list finds the clips, else the samples)",
+    )
+    vae.add_argument(
+        "--steps",
+        type=_whole(1, MOST["steps"]),
+        metavar="N",
+        help="of the VAE-LSTM (default 400); the baselines, whose steps are cheaper, have two to four times as many",
+    )
+    for paper in (acrnn, vae):
+        _add_reproduce(paper)
 
     benchmark = add(
         "benchmark",
@@ -455,6 +544,32 @@ def _add_weights(command: argparse.ArgumentParser) -> None:
     weights.add_argument(
         "--pretrained", metavar="NAME", help="weights that come with the library (see: pretrained list)"
     )
+
+
+def _add_places(paper: argparse.ArgumentParser, name: str, data: str) -> None:
+    """Where a paper's command reads from and writes to; ``data``: the help of its --data."""
+    runs = f"for the checkpoints (default runs/{name}, of samples runs/{name}-samples)"
+    result = f"for {name.replace('-', '_')}.json and the figures (default: that of the runs)"
+    paper.add_argument("--data", metavar="DIR", help=data)
+    paper.add_argument("--runs", metavar="FOLDER", help=runs)
+    paper.add_argument("--out", metavar="FOLDER", help=result)
+
+
+def _add_reproduce(paper: argparse.ArgumentParser) -> None:
+    """What every paper's command has."""
+    paper.add_argument(
+        "--jobs",
+        type=_whole(1, MOST["threads"]),
+        default=2,
+        metavar="N",
+        help="runs trained side by side, each with one thread (default 2)",
+    )
+    paper.add_argument(
+        "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
+    )
+    paper.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
+    paper.add_argument("--no-train", action="store_true", help="measure the runs that are finished, and train none")
+    paper.add_argument("--quick", action="store_true", help="a trial with tiny networks and few steps")
 
 
 def _add_device(command: argparse.ArgumentParser) -> None:
@@ -614,12 +729,6 @@ def _data_where(options: argparse.Namespace, _: Sequence[str]) -> None:
         print(data.where(name))
 
 
-def _load_clips(name: str) -> list[Motion]:
-    from .recipes import load_clips
-
-    return load_clips(name)
-
-
 # --- learning -------------------------------------------------------------------------------------
 
 
@@ -774,9 +883,11 @@ def _input_files(name: str) -> list[pathlib.Path]:
 def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     _use_threads(options)
     from .cleanup import clean_up, legs
-    from .generate import generate_each
+    from .generate import choose_seeds, generate_each
+    from .generate_futures import generate_futures
     from .motion.bvh import write_bvh
     from .training.progress import Progress
+    from .training.systems import SYSTEMS
 
     _check_named(options.out)
     out = pathlib.Path(options.out)
@@ -791,15 +902,21 @@ def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     if options.clean and checkpoint.representation is not None:
         legs(checkpoint.representation.skeleton)  # an unknown one is told before the work
     seeds = _seed_clips(checkpoint, sources)
-    made = generate_each(
-        checkpoint,
-        options.frames,
-        seeds=seeds,
-        count=options.count,
-        seed=options.seed,
-        seed_frames=options.seed_frames,
-        progress=True,
-    )
+    chosen = {"count": options.count, "seed": options.seed}
+    if SYSTEMS[checkpoint.system].futures:
+        prefix = choose_seeds(checkpoint, seeds, frames=options.seed_frames, **chosen)
+        temperature = 1.0 if options.temperature is None else options.temperature
+        made = iter(
+            generate_futures(
+                checkpoint, options.frames, prefix=prefix, temperature=temperature, progress=True, **chosen
+            )
+        )
+    elif options.temperature is not None:
+        raise TutorialError(f"--temperature is not for system {checkpoint.system!r}")
+    else:
+        made = generate_each(
+            checkpoint, options.frames, seeds=seeds, seed_frames=options.seed_frames, progress=True, **chosen
+        )
     bar = Progress(options.count, unit="file", title="writing")
     with _whole_folder(out) as folder, contextlib.closing(bar):
         for name, motion in zip(names, made, strict=True):  # each is written as it comes: few are ever in memory
@@ -817,22 +934,10 @@ def _data_of(checkpoint: Checkpoint) -> list[str]:
     return list(data_names(checkpoint.provenance.get("data")))
 
 
-def _clips_for(checkpoint: Checkpoint, names: Sequence[str]) -> list[Motion]:
-    """The clips of data sets, on the common joints where the network was trained on those."""
-    from .motion.retarget import to_common
-    from .motion.skeletons import COMMON_JOINTS, recognise
-
-    clips = [clip for name in names for clip in _load_clips(name)]
-    skeleton = None if checkpoint.representation is None else checkpoint.representation.skeleton
-    if skeleton is None or skeleton.names != COMMON_JOINTS:
-        return clips
-    # an unknown skeleton is told later, together with the one that was expected
-    return [to_common(c) if recognise(c.skeleton) and not skeleton.same_tree(c.skeleton) else c for c in clips]
-
-
 def _seed_clips(checkpoint: Checkpoint, names: Sequence[str]) -> list[Motion] | None:
     """Clips to cut seeds from, those never trained on if there are any; ``None``: the checkpoint's own seed."""
     from .evaluate import unseen
+    from .recipes import load_clips
 
     if not names:
         if checkpoint.seed_frames is not None:
@@ -841,7 +946,7 @@ def _seed_clips(checkpoint: Checkpoint, names: Sequence[str]) -> list[Motion] | 
             f"{checkpoint.path}: carries no seed and does not say what it was trained on; give --data"
         )
     try:
-        clips = _clips_for(checkpoint, names)
+        clips = [clip for name in names for clip in load_clips(name)]
     except DataError as error:
         if list(names) != _data_of(checkpoint):
             raise
@@ -855,12 +960,13 @@ def _evaluate(options: argparse.Namespace, _: Sequence[str]) -> None:
     _use_threads(options)
     from .atomic import atomic_write
     from .evaluate import evaluate, summary, unseen
+    from .recipes import load_clips
 
     if options.json is not None:
         inputs = [options.data] if options.checkpoint is None else [options.checkpoint, options.data]
         _check_output(options.json, inputs)
     checkpoint = _open(options)
-    clips = _clips_for(checkpoint, [options.data])
+    clips = load_clips(options.data)
     clips = unseen(checkpoint, clips) or clips
     result = evaluate(checkpoint, clips, count=options.count, frames=options.frames, seed=options.seed, progress=True)
     result = {"checkpoint": checkpoint.path.name, "data": options.data, **result}
@@ -907,13 +1013,35 @@ def _pretrained_publish(options: argparse.Namespace, _: Sequence[str]) -> None:
     print(f"wrote {file} ({file.stat().st_size / 1e6:.2f} MB)")
 
 
-def _reproduce_acrnn(options: argparse.Namespace, _: Sequence[str]) -> None:
-    from .reproduce.acrnn import reproduce
+def _reproduce_vae_lstm(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.vae_lstm import reproduce
 
+    _check_reproduce(options)
+    reproduce(
+        options.data,
+        runs=options.runs,
+        out=options.out,
+        jobs=options.jobs,
+        seeds=options.seeds,
+        tuning=options.tune,
+        train_missing=not options.no_train,
+        quick=options.quick,
+        budget={} if options.steps is None else {"steps": options.steps},
+        tell=_tell,
+    )
+
+
+def _check_reproduce(options: argparse.Namespace) -> None:
     for folder in (options.runs, options.out):
         if folder is not None:
             _check_named(folder)
             _check_folder(pathlib.Path(folder))
+
+
+def _reproduce_acrnn(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.acrnn import reproduce
+
+    _check_reproduce(options)
     sizes = {name: getattr(options, name) for name in ("steps", "hidden", "batch", "length")}
     reproduce(
         options.data,

@@ -145,7 +145,8 @@ def evaluate(
     - ``prediction_error``: {milliseconds: distance} at 80 ... 640 ms
     - ``prediction_error_standard_error``: the same for the standard error of that mean over the seeds
     - ``motion_change``: ``true`` (mean of the clips) and ``at`` {frame after the seed: mean of the steps up to it}
-    - ``freezing``: how many motions froze, and the seconds after which each did (``None``: never)
+    - ``standstill``: how many motions stood still for 1 s, and after how many seconds each first did (``None``: never)
+    - ``freezing``: the same for 10 s, or the whole motion where that is shorter (``metrics.FREEZING``)
     - ``divergence``: the same for leaving the range of poses, here that of the clips given
     - ``foot_skate``: cm/s of standing feet, generated and true, both settled on the ground first; ``None`` for an
       unknown skeleton
@@ -162,7 +163,9 @@ def evaluate(
         frame: change[:, max(0, frame - CHANGE_WINDOW) : frame].mean()
         for frame in (*(f for f in CHANGE_FRAMES if f < frames), frames)
     }
-    freezing = metrics.freezing_time(change, run.true_change, fps)
+    standstill = metrics.freezing_time(change, run.true_change, fps)
+    rule = {**metrics.FREEZING, "seconds": min(metrics.FREEZING["seconds"], frames / fps)}
+    freezing = metrics.freezing_time(change, run.true_change, fps, **rule)
     divergence = metrics.divergence_time(run.positions, run.reach, fps)
     return jsonable({
         "system": checkpoint.system,
@@ -178,6 +181,7 @@ def evaluate(
             zip(metrics.PAPER_TIMES_MS, metrics.standard_error(errors), strict=True)
         ),
         "motion_change": {"true": run.true_change, "at": at},
+        "standstill": {"count": int(np.isfinite(standstill).sum()), "seconds": standstill},
         "freezing": {"count": int(np.isfinite(freezing).sum()), "seconds": freezing},
         "divergence": {"count": int(np.isfinite(divergence).sum()), "seconds": divergence},
         **flaws(run),
@@ -230,7 +234,9 @@ def summary(result: dict[str, Any]) -> list[str]:
         + "  ".join(f"{frame}: {number(c)}" + (f" ({c / true:.0%})" if c is not None else "")
                     for frame, c in change["at"].items()),
     ]  # fmt: skip
-    for name, word in (("freezing", "stands still"), ("divergence", "leaves human poses")):
+    for name, word in (
+        ("standstill", "stands still, 1 s"), ("freezing", "freezes, 10 s"), ("divergence", "leaves human poses")
+    ):  # fmt: skip
         times = [t for t in result[name]["seconds"] if t is not None]
         when = f", at {np.median(times):.1f} s in the middle" if times else ""
         lines.append(f"{word:<19} {result[name]['count']} of {result['seeds']}{when}")

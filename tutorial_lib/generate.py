@@ -2,49 +2,88 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from .errors import CheckpointError, DataError, TutorialError
+from .models.dynamic_future_net import DynamicFutureNet
+from .models.future_stream import FutureStream
 from .motion.clip import Motion
 from .motion.retarget import to_common
-from .motion.skeletons import standing_height
+from .motion.skeletons import COMMON_JOINTS, recognise, standing_height
 from .representations import Representation
 from .training.checkpoints import Checkpoint
+from .training.conditioning import Given
 from .training.progress import Progress
 from .training.rollout import LSTMStream, has_fast_rollout
+from .training.systems import SYSTEMS
 
 SEED_FRAMES = 10  # acRNN, section 4: "initialized with 10 frames"
 
 
-def stream(model: nn.Module, seed: Tensor) -> Iterator[Tensor]:
-    """The frames that follow ``seed``, one at a time and without end.
+def stream(
+    model: nn.Module,
+    seed: Tensor,
+    *,
+    state: Any = None,
+    given: Given | None = None,
+    generator: torch.Generator | None = None,
+) -> Iterator[Tensor]:
+    """The frames that follow ``seed``, one at a time and without end; with ``given``, as far as that goes.
 
     The network reads the seed (B, T0, D), which warms up its memory; its prediction of the next frame is
     given out, (B, D), and is what it reads next. Only the memory and one frame are kept, however long it runs.
-    The network is put into evaluation mode.
+    The network is put into evaluation mode. ``state`` is the memory before the seed; for it and for what the Dynamic
+    Future Net has instead, ``generator``, see :func:`synthesize`.
     """
     _check_seed(seed)
+    if given is not None:
+        given.check(seed.shape[0], seed.shape[2])
     model.eval()
+    if isinstance(model, DynamicFutureNet):
+        if state is not None or given is not None:
+            raise TutorialError("the Dynamic Future Net predicts no next frame: it takes no state and nothing given")
+        futures = FutureStream(model, len(seed), generator=generator)
+        futures.read(seed)
+        yield from futures.features()
+    if generator is not None:
+        raise TutorialError(f"a generator is for the Dynamic Future Net, not for {type(model).__name__}")
     with torch.no_grad():
-        y, state = model(seed)  # (B, T0, D)
-        frame = y[:, -1:]  # (B, 1, D): the first frame after the seed
-    if has_fast_rollout(model):
-        fast, frame = LSTMStream(model, state), frame[:, 0]
-        while True:
-            yield frame
-            frame = fast.step(frame)
-    while True:
-        yield frame[:, 0]
-        with torch.no_grad():  # inside the loop, so that it does not reach into the caller's code at a yield
-            frame, state = model(frame, state)
+        y, state = model(seed) if state is None else model(seed, state)  # (B, T0, D)
+    frame = y[:, -1]  # (B, D): the first frame after the seed
+
+    def read(frame: Tensor) -> Tensor:
+        nonlocal state
+        with torch.no_grad():  # in here, so that it does not reach into the caller's code at a yield
+            y, state = model(frame[:, None], state)
+        return y[:, 0]
+
+    step = LSTMStream(model, state).step if has_fast_rollout(model) else read
+    for t in itertools.count():
+        if given is not None:
+            if t == given.frames:
+                return
+            frame = given.put(frame, t)
+        yield frame
+        frame = step(frame)
 
 
-def synthesize(model: nn.Module, seed: Tensor, n_frames: int, *, progress: bool = False) -> Tensor:
+def synthesize(
+    model: nn.Module,
+    seed: Tensor,
+    n_frames: int,
+    *,
+    state: Any = None,
+    given: Given | None = None,
+    generator: torch.Generator | None = None,
+    progress: bool = False,
+) -> Tensor:
     """``n_frames`` frames that follow ``seed``.
 
     Parameters
@@ -52,6 +91,11 @@ def synthesize(model: nn.Module, seed: Tensor, n_frames: int, *, progress: bool 
     model : called as ``model(x (B, T, D), state)`` -> ``(y, state)``, ``y[:, t]`` the prediction of frame t + 1.
     seed : (B, T0, D), in the network's own (normalised) features; B from 1 to thousands.
     n_frames : how many to make, 0 or more.
+    state : memory before the seed, by default the network's own beginning; of one that draws its frames
+        ``model.start(number)``, which says what it draws.
+    given : channels that are not the network's to tell, of ``n_frames`` frames or more.
+    generator : of the Dynamic Future Net alone, on the CPU: of all that it draws; by default torch's global one. It
+        predicts no next frame, so that it takes neither a ``state`` nor what is ``given``.
     progress : show a line with frames a second.
 
     Returns
@@ -61,10 +105,14 @@ def synthesize(model: nn.Module, seed: Tensor, n_frames: int, *, progress: bool 
     _check_seed(seed)
     if n_frames < 0:
         raise TutorialError(f"the number of frames to generate must be 0 or more, not {n_frames}")
+    if given is not None and given.frames < n_frames:
+        raise TutorialError(f"{n_frames} frames to generate, the given channels have {given.frames}")
     batch, _, dim = seed.shape
     out = torch.empty(batch, n_frames, dim, dtype=seed.dtype, device=seed.device)
     bar = Progress(n_frames, unit="frame", title="generating", enabled=progress)
-    for t, frame in zip(range(n_frames), stream(model, seed), strict=False):
+    for t, frame in zip(
+        range(n_frames), stream(model, seed, state=state, given=given, generator=generator), strict=False
+    ):
         out[:, t] = frame
         bar.update()
     bar.close()
@@ -100,20 +148,31 @@ def prepare_for(checkpoint: Checkpoint, motions: Sequence[Motion]) -> list[Motio
     Raises :class:`CheckpointError` if the checkpoint has no representation, ``MotionError`` naming both sides if
     a clip's skeleton is not the one that the network was trained on.
     """
-    representation = _representation(checkpoint)
-    if checkpoint.training.get("joints") == "common":
-        motions = [m if representation.skeleton.same_tree(m.skeleton) else to_common(m) for m in motions]
+    representation = representation_of(checkpoint)
+    wanted = representation.skeleton
+    if wanted.names == COMMON_JOINTS:  # an unknown skeleton is told below, together with the one that was expected
+        motions = [to_common(m) if recognise(m.skeleton) and not wanted.same_tree(m.skeleton) else m for m in motions]
     for motion in motions:  # before anything is scaled, so that the message is about the tree
-        if not representation.skeleton.same_tree(motion.skeleton):
+        if not wanted.same_tree(motion.skeleton):
             representation.check_skeleton(motion)
-    height = standing_height(representation.skeleton)
+    height = standing_height(wanted)
     prepared = prepare(motions, height=height if height > 0 else None, fps=representation.fps)
     for motion in prepared:
         representation.check(motion)
     return prepared
 
 
-def _representation(checkpoint: Checkpoint) -> Representation:
+def check_predicts(checkpoint: Checkpoint) -> None:
+    """Raise :class:`CheckpointError` unless the network goes on from seed frames, telling the next one or by chance."""
+    kind = SYSTEMS[checkpoint.system]
+    if not (kind.predicts or kind.futures):
+        raise CheckpointError(
+            f"the checkpoint is a {checkpoint.system!r}, which follows a control signal and goes on from no seed: "
+            "expected a network that predicts the next frame; for this one see tutorial_lib.generate_control"
+        )
+
+
+def representation_of(checkpoint: Checkpoint) -> Representation:
     if checkpoint.representation is None:
         raise CheckpointError("the checkpoint has no representation: its output cannot be turned into motion")
     return checkpoint.representation
@@ -163,14 +222,58 @@ class Generated:
         return [motion[self.n_seed :] for motion in self.motions]
 
 
+def given_parts(checkpoint: Checkpoint, parts: Mapping[str, np.ndarray | Tensor]) -> Given:
+    """Named parts of a checkpoint's features as what its network is given.
+
+    ``parts`` are slices of the representation, such as ``{"control": (K, F, 3)}`` of ``"hip-frame"``, in its own units,
+    not normalised. Raises :class:`CheckpointError` for a part that the representation has not or of another width.
+    """
+    representation = representation_of(checkpoint)
+    channels, values = [], []
+    for name, value in parts.items():
+        if name not in representation.slices:
+            raise CheckpointError(
+                f"the checkpoint's representation {representation.name!r} has no {name!r}: expected one of "
+                f"{', '.join(representation.slices)}"
+            )
+        where = range(representation.dim)[representation.slices[name]]
+        value = torch.as_tensor(value, dtype=torch.float32)
+        if value.ndim != 3 or value.shape[-1] != len(where):
+            raise CheckpointError(
+                f"the given {name} has shape {tuple(value.shape)}, expected (sequences, frames, {len(where)})"
+            )
+        if values and value.shape[:2] != values[0].shape[:2]:
+            raise CheckpointError(
+                f"the given {name} has {value.shape[0]} sequences of {value.shape[1]} frames, what was given before it "
+                f"{values[0].shape[0]} of {values[0].shape[1]}"
+            )
+        if checkpoint.normalizer is not None:
+            mean, std = (checkpoint.normalizer.to_dict()[key][list(where)] for key in ("mean", "std"))
+            value = (value - mean) / std
+        channels += where
+        values.append(value)
+    if not values:
+        raise CheckpointError("nothing is given: expected at least one part of the representation")
+    return Given(channels, torch.cat(values, dim=-1))
+
+
 def generate_features(
-    checkpoint: Checkpoint, seeds: np.ndarray | Tensor, n_frames: int, *, progress: bool = False
+    checkpoint: Checkpoint,
+    seeds: np.ndarray | Tensor,
+    n_frames: int,
+    *,
+    given: Mapping[str, np.ndarray | Tensor] | None = None,
+    seed: int = 0,
+    progress: bool = False,
 ) -> np.ndarray:
     """``n_frames`` frames of features that follow each seed.
 
     ``seeds`` (K, T, D) and the result (K, n_frames, D) are in the representation, not normalised; the
-    computation is on the device that the checkpoint's network is on.
+    computation is on the device that the checkpoint's network is on. ``given`` : parts of each frame after the seed
+    that are not the network's to tell, ``{"control": (K, n_frames, 3)}``, see :func:`given_parts` and
+    :class:`~.training.conditioning.Given`. ``seed`` : of all chance, in networks that draw.
     """
+    check_predicts(checkpoint)
     seeds = torch.as_tensor(seeds, dtype=torch.float32)
     width = checkpoint.model.config.dim
     if seeds.ndim != 3 or seeds.shape[-1] != width:
@@ -180,10 +283,18 @@ def generate_features(
     if checkpoint.normalizer is not None:
         seeds = torch.as_tensor(checkpoint.normalizer.apply(seeds), dtype=torch.float32)
     device = next(checkpoint.model.parameters()).device
-    made = synthesize(checkpoint.model, seeds.to(device), n_frames, progress=progress).cpu()
+    start = getattr(checkpoint.model, "start", None)  # of networks that draw their frames
+    made = synthesize(
+        checkpoint.model, seeds.to(device), n_frames, progress=progress,
+        state=None if start is None else start(seed), given=given_parts(checkpoint, given) if given else None,
+        generator=torch.Generator().manual_seed(seed) if SYSTEMS[checkpoint.system].futures else None,
+    ).cpu()  # fmt: skip
     if checkpoint.normalizer is not None:
         made = checkpoint.normalizer.invert(made)
-    return np.asarray(made, dtype=np.float32)
+    made = made.float().numpy()
+    for name, value in (given or {}).items():  # exactly, whatever normalising has rounded
+        made[..., checkpoint.representation.slices[name]] = np.asarray(value, np.float32)[:, :n_frames]
+    return made
 
 
 def generate(
@@ -203,7 +314,7 @@ def generate(
     n_frames : frames to make after the seed.
     seeds : clips to cut the seeds from: :class:`Motion` values, brought to the network's frame rate and size,
         or features (K, T, D). By default those that the checkpoint carries.
-    count, seed : how many motions, and the number that chooses their seeds.
+    count, seed : how many motions, and the number that chooses their seeds, and what a network draws that does.
     seed_frames : length of a seed.
 
     Each motion begins with its seed and starts at the origin. Two runs with the same arguments give the same motions.
@@ -228,26 +339,12 @@ def generate_each(
 ) -> Iterator[Motion]:
     """:func:`generate`, the motions one by one: all are made before this returns, as single-precision features, but
     each becomes a :class:`Motion`, twice as large, only when its turn comes."""
-    representation = _representation(checkpoint)
+    check_predicts(checkpoint)
+    representation = representation_of(checkpoint)
     if n_frames < 1:
         raise TutorialError(f"the number of frames to generate must be 1 or more, not {n_frames}")
-    if seeds is None:
-        seeds = checkpoint.seed_frames
-        if seeds is None:
-            raise CheckpointError("the checkpoint carries no seed of its own: give it clips to start from")
-        if seeds.shape[1] < seed_frames:
-            raise DataError(
-                f"a seed of {seed_frames} frames was asked for, the checkpoint's own seeds have {seeds.shape[1]}: "
-                "give it clips to start from"
-            )
-    clips = prepare_for(checkpoint, seeds) if len(seeds) and isinstance(seeds[0], Motion) else seeds
-    chosen = choose_windows([len(clip) for clip in clips], frames=seed_frames, count=count, seed=seed)
-    windows = [clips[k][start : start + seed_frames] for k, start in chosen]
-    # a window is cut before it is encoded, as in training: what is continuous in time starts with the window
-    features = np.stack(
-        [representation.encode(w) if isinstance(w, Motion) else np.asarray(w, np.float32) for w in windows]
-    )  # (count, seed_frames, D)
-    made = generate_features(checkpoint, features, n_frames, progress=progress)
+    features = choose_seeds(checkpoint, seeds, count=count, seed=seed, frames=seed_frames)
+    made = generate_features(checkpoint, features, n_frames, seed=seed, progress=progress)
     for k, rest in enumerate(made):
         bad = ~np.isfinite(rest).all(axis=-1)  # (n_frames,)
         if bad.any():
@@ -258,3 +355,34 @@ def generate_each(
         representation.decode(np.concatenate([start, rest]), name=f"{checkpoint.system}-{k}")
         for k, (start, rest) in enumerate(zip(features, made, strict=True), start=1)
     )
+
+
+def choose_seeds(
+    checkpoint: Checkpoint,
+    seeds: Sequence[Motion] | np.ndarray | Tensor | None = None,
+    *,
+    count: int = 1,
+    seed: int = 0,
+    frames: int = SEED_FRAMES,
+) -> np.ndarray:
+    """What generation starts from: features ``(count, frames, D)``, not normalised, of random windows of ``seeds``.
+
+    Arguments and errors are those of :func:`generate`.
+    """
+    representation = representation_of(checkpoint)
+    if seeds is None:
+        seeds = checkpoint.seed_frames
+        if seeds is None:
+            raise CheckpointError("the checkpoint carries no seed of its own: give it clips to start from")
+        if seeds.shape[1] < frames:
+            raise DataError(
+                f"a seed of {frames} frames was asked for, the checkpoint's own seeds have {seeds.shape[1]}: "
+                "give it clips to start from"
+            )
+    clips = prepare_for(checkpoint, seeds) if len(seeds) and isinstance(seeds[0], Motion) else seeds
+    chosen = choose_windows([len(clip) for clip in clips], frames=frames, count=count, seed=seed)
+    windows = [clips[k][start : start + frames] for k, start in chosen]
+    # a window is cut before it is encoded, as in training: what is continuous in time starts with the window
+    return np.stack(
+        [representation.encode(w) if isinstance(w, Motion) else np.asarray(w, np.float32) for w in windows]
+    )  # (count, frames, D)

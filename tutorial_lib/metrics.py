@@ -19,6 +19,7 @@ from .motion.skeleton import Skeleton
 from .motion.skeletons import common_indices
 
 PAPER_TIMES_MS = (80, 160, 240, 320, 400, 480, 560, 640)  # acRNN, tables 1 and 2
+FREEZING = {"fraction": 0.1, "seconds": 10.0}  # what stands still for less recovers (acRNN, figure 6)
 
 
 def _each_sequence(function, values: torch.Tensor, inner: int) -> torch.Tensor:

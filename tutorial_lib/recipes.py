@@ -24,8 +24,13 @@ if TYPE_CHECKING:
     from .motion.clip import Motion
     from .motion.skeleton import Skeleton
     from .training.checkpoints import Checkpoint
+    from .training.systems import System
     from .training.trainer import Trainer
 
+# What a run is where neither it nor its system says otherwise.
+DEFAULTS: Mapping[str, Any] = {
+    "representation": "positions", "length": 100, "joints": "own", "pad": False, "rotate": True, "steps": 2500,
+}  # fmt: skip
 NORMALIZE = ("auto", "on", "off")
 JOINTS = ("own", "common")
 JOINED_SECONDS = 600.0
@@ -36,30 +41,34 @@ class Recipe:
     """All that decides what a training run gives: two runs of one recipe give the same weights.
 
     (On the CPU bit for bit, with the same number of threads.) The defaults are for a CPU's minutes; the acRNN
-    paper has 1024 cells and 500,000 steps at a constant rate of 1e-4.
+    paper has 1024 cells and 500,000 steps at a constant rate of 1e-4. What is ``None`` by default is the system's:
+    :data:`DEFAULTS` but for the VAE-LSTM, the cRBM and the Dynamic Future Net, see their entries in
+    :data:`tutorial_lib.training.systems.SYSTEMS`.
 
     Everything is checked when the value is made: a :class:`TutorialError` in one line says what cannot be.
     """
 
     system: str  # name in tutorial_lib.training.systems.SYSTEMS
     data: tuple[str, ...]  # data sets, or folders or files; several: hybrid training on all of them together
-    representation: str = "positions"
+    representation: str | None = None
     fps: float = 30.0
     height: float | None = 1.54  # metres that every skeleton is scaled to; None (or 0) leaves it
-    length: int = 100  # frames in a training window
+    length: int | None = None  # frames in a training window
     batch: int = 32  # windows in a step
     rates: tuple[float, ...] | None = None  # frame rates at which windows are taken; None: fps
-    rotate: bool = True  # windows are turned about the vertical at random
+    rotate: bool | None = None  # windows are turned about the vertical at random
     normalize: str = "auto"  # "on", "off", or "auto": all but positions, which the paper takes in metres
     test_fraction: float = 0.2  # share of each data set's clips that is kept out; 0: none
-    joints: str = "own"  # "common": every clip is mapped to the 21 common joints first
+    joints: str | None = None  # "common": every clip is mapped to the 21 common joints first; "own": it is not
+    pad: bool | None = None  # clips shorter than a window are lengthened with their first and last pose
     join: float = 0.0  # seconds of blending between training clips that follow one another without end; 0: each ends
     hidden: int = 128
-    layers: int | None = None  # None: as many as the system has by default (LSTM-3LR 3, ERD 2, seq2seq 1)
-    steps: int = 2500
+    layers: int | None = None  # None: as many as the system has by default (LSTM-3LR 3, ERD 2, seq2seq 1, VAE-LSTM -)
+    steps: int | None = None
     learning_rate: float = 2e-3
     schedule: str = "one-cycle"
     clip: float | None = 1.0
+    start: str | None = None  # a checkpoint with whose weights training begins; None: with random ones
     seed: int = 0  # of weights, windows and the split into training and test clips
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict, hash=False)  # the system's own: u, v, ...
 
@@ -74,10 +83,15 @@ class Recipe:
                 known = f"it has {', '.join(kind.options)}" if kind.options else "it has none"
                 raise TutorialError(f"{name!r} is not an option of system {self.system!r}; {known}")
         sizes = {field.name: field.default for field in dataclasses.fields(kind.config)}
+        for name, default in {**DEFAULTS, **kind.recipe}.items():
+            if getattr(self, name) is None:
+                self._set(name, default)
         self._set("data", (self.data,) if isinstance(self.data, str) else tuple(self.data))
         self._set("rates", None if self.rates is None else tuple(self.rates))
         self._set("height", self.height or None)
-        self._set("layers", sizes["layers"] if self.layers is None else self.layers)
+        if self.layers is not None and "layers" not in sizes:
+            raise TutorialError(f"the network of system {self.system!r} has no number of layers to choose")
+        self._set("layers", sizes.get("layers") if self.layers is None else self.layers)
         self._set("options", {**kind.options, **self.options})
 
         if not self.data or not all(isinstance(name, str) and name.strip() for name in self.data):
@@ -103,15 +117,31 @@ class Recipe:
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < least:
                 raise TutorialError(f"{name} must be a whole number of {least} or more, not {value!r}")
-        kind.config(dim=1, hidden=self.hidden, layers=self.layers)
+        kind.check_parts(self.system, REPRESENTATIONS[self.representation])
+        parts = {part: (k + 1, k + 2) for k, part in enumerate(kind.parts)}  # any, to see whether the sizes can be
+        network = kind.config(dim=1 + len(parts), **parts, **self.sizes())
+        stride = getattr(network, "stride", 1)
+        if self.length % stride:
+            raise TutorialError(
+                f"system {self.system!r} needs windows of a multiple of {stride} frames, the length is {self.length}"
+            )
         TrainingConfig(**self._only(TrainingConfig))
-        if kind.options:
-            least = getattr(kind.loss(**self.options), "least_length", 2)
-            if self.length < least:
-                raise TutorialError(
-                    f"system {self.system!r} needs windows of {least} frames with its options "
-                    f"({', '.join(f'{k} {v}' for k, v in self.options.items())}), the length is {self.length}"
-                )
+        if kind.reads and self.normalize == "on":
+            raise TutorialError(f"system {self.system!r} takes features as they are: normalize 'on' is not for it")
+        loss = kind.loss
+        if kind.loss_options:
+            loss = kind.loss(**{name: self.options[name] for name in kind.loss_options})
+        least = max(getattr(part, "least_length", 2) for part in (loss, network))
+        if self.length < least:
+            raise TutorialError(
+                f"system {self.system!r} needs windows of {least} frames with its options "
+                f"({', '.join(f'{k} {v}' for k, v in self.options.items())}), the length is {self.length}"
+            )
+        if getattr(loss, "needs_start", False) and not self.start:
+            raise TutorialError(
+                f"stage {loss.stage!r} of system {self.system!r} goes on from a checkpoint in which the stages before "
+                "it are trained, and none is given to start from (--start)"
+            )
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
@@ -119,6 +149,14 @@ class Recipe:
     def _only(self, kind: type) -> dict[str, Any]:
         """Those values that the dataclass ``kind`` has as well."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(kind)}
+
+    def sizes(self) -> dict[str, Any]:
+        """What the recipe says of the network's configuration: all but the width and the parts of a frame."""
+        from .training.systems import system_kind
+
+        kind = system_kind(self.system)
+        values = {"hidden": self.hidden, "layers": self.layers, **self.options}
+        return {name: values[name] for name in kind.sizes if name in values}
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it, the system's options beside the rest: what a checkpoint's header holds."""
@@ -276,7 +314,7 @@ def trainer_for(
     from .data.windows import Normalizer, WindowSampler
     from .representations import make_representation
     from .training.checkpoints import load_checkpoint, provenance, read_header
-    from .training.systems import make_system
+    from .training.systems import make_system, system_kind
     from .training.trainer import Trainer, TrainingConfig
 
     there: Checkpoint | None = None
@@ -293,8 +331,12 @@ def trainer_for(
     train, test = [m for part, _ in sets for m in part], [m for _, part in sets for m in part]
     names = [motion.name for motion in train]
     settings = {name: v for name, v in recipe.to_dict().items() if name not in ("system", "hidden", "layers")}
+    first: Checkpoint | None = None
     if there is None:
         representation, normalizer = make_representation(recipe.representation, train[0].skeleton, recipe.fps), None
+        if recipe.start is not None:
+            first = _start_of(recipe)
+            representation, normalizer = first.representation, first.normalizer
         told = provenance(
             recipe.data[0] if len(recipe.data) == 1 else list(recipe.data),
             names, command, test_clips=[motion.name for motion in test],
@@ -312,17 +354,24 @@ def trainer_for(
     train = [motion for part in shown for motion in part]
     window = {
         "length": recipe.length, "batch": recipe.batch, "rates": recipe.rates, "rotate": recipe.rotate,
+        "pad": recipe.pad,
         "seed": recipe.seed, "groups": [k for k, part in enumerate(shown) for _ in part],
     }  # fmt: skip
-    wanted = recipe.normalize == "on" or (recipe.normalize == "auto" and representation.name != "positions")
+    kind = system_kind(recipe.system)
+    as_it_is = representation.name == "positions" or kind.reads
+    wanted = recipe.normalize == "on" or (recipe.normalize == "auto" and not as_it_is)
     if wanted and normalizer is None:  # on drawn windows, so that the random turns are in the statistics
         drawn = WindowSampler(train, representation, **window)
         normalizer = Normalizer.fit(drawn.sample() for _ in range(max(1, 2000 // recipe.batch)))
     batches = WindowSampler(train, representation, normalizer=normalizer, **window)
+    parts = {part: representation.slices[part].indices(representation.dim)[:2] for part in kind.parts}
+    if kind.reads:
+        parts["features"] = representation.config()
     system = make_system(
-        recipe.system, representation.dim, seed=recipe.seed, hidden=recipe.hidden, layers=recipe.layers,
-        **recipe.options,
-    )  # fmt: skip
+        recipe.system, representation.dim, seed=recipe.seed, **parts, **{**recipe.options, **recipe.sizes()}
+    )
+    if first is not None:
+        _begin_with(system, first)
     trainer = Trainer(
         system, batches, TrainingConfig(**recipe._only(TrainingConfig)),
         path=path, device=device, save_seconds=save_seconds, settings=settings, provenance=told,
@@ -333,6 +382,43 @@ def trainer_for(
         trainer.model.load_state_dict(there.model.state_dict())
         trainer.step, trainer.seconds = recipe.steps, float(there.training.get("seconds", 0.0))
     return trainer
+
+
+def _start_of(recipe: Recipe) -> Checkpoint:
+    """The checkpoint that a run begins with; its features must be those of the recipe."""
+    from .training.checkpoints import load_checkpoint
+
+    try:
+        first = load_checkpoint(recipe.start)
+    except CheckpointError as error:
+        stage = recipe.options.get("stage")
+        what = f"stage {stage!r}" if stage else f"system {recipe.system!r}"
+        raise CheckpointError(f"{what} cannot start: {error}") from None
+    features = first.representation
+    for name, asked, there in (
+        ("system", recipe.system, first.system),
+        ("representation", recipe.representation, None if features is None else features.name),
+        ("fps", recipe.fps, None if features is None else features.fps),
+    ):
+        if asked != there:
+            raise CheckpointError(f"{recipe.start}: has {name} {there!r}, a run that starts from it asks for {asked!r}")
+    return first
+
+
+def _begin_with(system: System, first: Checkpoint) -> None:
+    """Give a new system the weights of a checkpoint, and see whether they are ready for its first stage."""
+    mine = dataclasses.asdict(system.model.config)
+    for name, value in first.config.items():
+        if mine[name] != value and name != "features":
+            raise CheckpointError(
+                f"{first.path}: has {name} {value!r}, a run that starts from it asks for {mine[name]!r}"
+            )
+    system.model.load_state_dict(first.model.state_dict())
+    if system.stages and system.stages[0].check is not None:
+        try:
+            system.stages[0].check(system.model)
+        except TutorialError as error:
+            raise CheckpointError(f"{first.path}: {error}") from None
 
 
 def _one_after_another(clips: Sequence[Motion], recipe: Recipe) -> list[Motion]:

@@ -6,6 +6,8 @@ name       features of a frame                         D       lost by ``encode`
 positions  root displacement, positions about the root 3J      starting place          acRNN, section 3
 hip-frame  positions in the body's frame on the        3J + 3  starting place (not the VAE-LSTM, section
            ground; turning, forward, sideways speed            height) and heading     4.1; Holden 2016
+body-frame hip-frame, and rising speed                 3J + 4  starting place (not the Dynamic Future Net,
+                                                               height) and heading     section 4
 euler      root displacement, local Euler angles       3 + 3n  starting place          students' choice
 quaternion root displacement, local quaternions        3 + 4n  starting place          Pavllo 2018
 sixd       root displacement, local 6D rotations       3 + 6n  starting place          Zhou 2019
@@ -154,6 +156,49 @@ def heading(skeleton: Skeleton, positions: Array) -> Array:
     return torch.atan2(*_facing(skeleton, positions))
 
 
+@numpy_or_torch
+def measure_control(place: Array, heading: Array, fps: float) -> Array:
+    """What moves a body along the ground: turning, forward and sideways speed ``(..., T, 3)``, rad/s and m/s.
+
+    place: ``(..., T, 2)`` x and z in metres; heading: ``(..., T)`` radians, 0 along +z, positive to the left
+    (towards +x). Turning and sideways are positive to the left. The velocity of the step from the frame before is
+    told in this frame's directions. The inverse of :func:`integrate_control`.
+    """
+    sin, cos = heading.sin(), heading.cos()
+    return _speeds(place, sin, cos, fps)
+
+
+def _speeds(place: torch.Tensor, sin: torch.Tensor, cos: torch.Tensor, fps: float) -> torch.Tensor:
+    steps = place[..., 1:, :] - place[..., :-1, :]
+    sideways, forward = _turn(steps[..., 0], steps[..., 1], -sin[..., 1:], cos[..., 1:])
+    turning = torch.atan2(*_turn(sin[..., 1:], cos[..., 1:], -sin[..., :-1], cos[..., :-1]))
+    return _with_first(torch.stack((turning, forward, sideways), -1) * fps)
+
+
+@numpy_or_torch
+def integrate_control(
+    control: Array, fps: float, start: Sequence[float] = (0.0, 0.0), heading: float = 0.0
+) -> tuple[Array, Array]:
+    """Place ``(..., T, 2)`` (x, z, metres) and heading ``(..., T)`` (radians) of a body moved by a control
+    ``(..., T, 3)`` as :func:`measure_control` tells it: the speeds added up from the second frame on.
+
+    start: where the first frame is, ``(..., 2)``, or ``(..., 3)`` with a height that is not looked at; heading:
+    where it faces, ``(...)``. Differentiable; NaN goes through. Raises ``MotionError`` for other shapes.
+    """
+    if control.ndim < 2 or control.shape[-1] != 3 or control.shape[-2] < 1:
+        raise MotionError(
+            f"control of shape {tuple(control.shape)}: expected (..., T, 3), turning, forward and sideways speed"
+        )
+    turning, forward, sideways = (control / fps).unbind(-1)
+    heading = torch.as_tensor(heading, dtype=control.dtype, device=control.device)
+    angle = heading[..., None] + _add_up(turning[..., None]).squeeze(-1)
+    place = _add_up(torch.stack(_turn(sideways, forward, angle.sin(), angle.cos()), -1))  # (..., T, 2)
+    start = torch.as_tensor(start, dtype=control.dtype, device=control.device)
+    if start.shape[-1:] not in ((2,), (3,)):
+        raise MotionError(f"start of shape {tuple(start.shape)}: expected (x, z) or (x, y, z) in metres")
+    return place + start[..., None, [0, -1]], angle
+
+
 # -- the representations -----------------------------------------------------------------------------------
 
 
@@ -164,11 +209,13 @@ class Representation(ABC):
     dim: D.
     labels: D names, one a channel, such as ``"head.y"``.
     slices: where the named parts lie, ``"root"`` or ``"control"`` (what moves the figure) and ``"joints"``.
+    parts: the names of these slices, known without a skeleton.
     uses_rotations: whether ``encode_arrays`` reads rotations (and of the positions only the root's).
     Two are equal when class, skeleton and frame rate are.
     """
 
     name: str
+    parts: tuple[str, ...] = ("root", "joints")
     uses_rotations: bool = False
 
     def __init__(self, skeleton: Skeleton, fps: float):
@@ -359,6 +406,7 @@ class HipFrame(Representation):
     """
 
     name = "hip-frame"
+    parts = ("joints", "control", "turning", "forward", "sideways")
 
     def __init__(self, skeleton: Skeleton, fps: float):
         self._hip = heading_joints(skeleton)[0]
@@ -377,23 +425,12 @@ class HipFrame(Representation):
         x, z = (positions[..., 2 * k] - hip[..., k, None] for k in (0, 1))
         x, z = _turn(x, z, -sin[..., None], cos[..., None])  # (..., T, J)
         joints = torch.stack((x, positions[..., 1], z), -1).flatten(-2)
-        steps = hip[..., 1:, :] - hip[..., :-1, :]
-        sideways, forward = _turn(steps[..., 0], steps[..., 1], -sin[..., 1:], cos[..., 1:])
-        turning = torch.atan2(*_turn(sin[..., 1:], cos[..., 1:], -sin[..., :-1], cos[..., :-1]))
-        control = _with_first(torch.stack((turning, forward, sideways), -1) * self.fps)
-        return torch.cat((joints, control), -1)
+        return torch.cat((joints, _speeds(hip, sin, cos, self.fps)), -1)
 
     def _decode(self, features, start, heading):
         joints = features[..., : self.dim - 3].unflatten(-1, (-1, 3))  # (..., T, J, 3)
-        turning, forward, sideways = (features[..., self.dim - 3 :] / self.fps).unbind(-1)
-        heading = torch.as_tensor(heading, dtype=features.dtype, device=features.device)
-        angle = heading[..., None] + _add_up(turning[..., None]).squeeze(-1)
+        path, angle = integrate_control(features[..., self.dim - 3 :], self.fps, start, heading)
         sin, cos = angle.sin(), angle.cos()
-        path = _add_up(torch.stack(_turn(sideways, forward, sin, cos), -1))  # (..., T, 2)
-        start = torch.as_tensor(start, dtype=features.dtype, device=features.device)
-        if start.shape[-1:] not in ((2,), (3,)):
-            raise MotionError(f"start of shape {tuple(start.shape)}: expected (x, z) or (x, y, z) in metres")
-        path = path + start[..., None, [0, -1]]
         # the hip is the frame's origin by definition, whatever a network wrote there
         at_hip = torch.zeros(self.skeleton.n_joints, dtype=torch.bool, device=features.device)
         at_hip[self._hip] = True
@@ -408,6 +445,62 @@ class HipFrame(Representation):
             "start": (float(hip[0]), float(hip[2])),
             "heading": float(heading(self.skeleton, motion.positions[:1])[0]),
         }
+
+
+class BodyFrame(HipFrame):
+    """Dynamic Future Net, section 4: D = 3 J + 4, its 76 for 24 joints, 67 for the 21 common ones.
+
+    ``HipFrame``'s numbers, and one more: how fast the hip rises, m/s. The paper counts "3D joint positions, 4 for the
+    global translation and rotation velocity" and tells of x-z velocity and turning; the fourth is read as the change
+    of height. Joints are "relative to the root" there. Here the root's height is in the joints, as in ``HipFrame``, so
+    that ``decode`` needs to add up no heights, which would drift: it takes no notice of the rising speed.
+    """
+
+    name = "body-frame"
+    parts = (*HipFrame.parts, "rising", "velocity")
+
+    def __init__(self, skeleton: Skeleton, fps: float):
+        self._ground = HipFrame(skeleton, fps)
+        super().__init__(skeleton, fps)
+
+    @property
+    def hip(self) -> int:
+        """The node that stands above the frame's origin."""
+        return self._hip
+
+    def _layout(self):
+        labels, slices = super()._layout()
+        n = len(labels)
+        return (*labels, "rising"), {**slices, "rising": slice(n, n + 1), "velocity": slice(n - 3, n + 1)}
+
+    def _encode(self, positions, rotations):
+        height = positions[..., self._hip, 1:2]  # (..., T, 1)
+        rising = _displacements(height) * self.fps
+        return torch.cat((self._ground._encode(positions, rotations), rising), -1)
+
+    def _decode(self, features, start, heading):
+        return self._ground._decode(features[..., :-1], start, heading)
+
+    def decode_turned(
+        self,
+        features: Array,
+        rotations: Array,
+        *,
+        start: Sequence[float] = (0.0, 0.0),
+        heading: float = 0.0,
+        name: str = "",
+    ) -> Motion:
+        """``decode`` for features ``(T, D)`` of which the rotations are known: a motion with rotations, bones rigid.
+
+        rotations: ``(T, J, 4)`` local ones, the root's in the body's frame, as forward kinematics gave the features'
+        joints. The rest as for ``decode``.
+        """  # fmt: skip
+        motion = self.decode(features, start=start, heading=heading)
+        control = np.asarray(features, dtype=np.float64)[:, self.slices["control"]]
+        _, angle = integrate_control(control, self.fps, heading=heading)  # (T,)
+        rotations = np.array(rotations, dtype=np.float64)
+        rotations[:, 0] = quat_mul(quat_about_y(angle), rotations[:, 0])
+        return Motion.from_rotations(self.skeleton, self.fps, motion.positions[:, 0], rotations, name=name)
 
 
 class _Rotations(Representation):
@@ -545,13 +638,15 @@ class SixD(_Rotations):
         return sixd_to_quat(values)
 
 
-REPRESENTATIONS: dict[str, type[Representation]] = {c.name: c for c in (Positions, HipFrame, Euler, Quaternion, SixD)}
+REPRESENTATIONS: dict[str, type[Representation]] = {
+    c.name: c for c in (Positions, HipFrame, BodyFrame, Euler, Quaternion, SixD)
+}
 
 
 def make_representation(name: str, skeleton: Skeleton, fps: float) -> Representation:
     """The representation called ``name`` for a skeleton and a frame rate.
 
-    name: ``"positions"``, ``"hip-frame"``, ``"euler"``, ``"quaternion"`` or ``"sixd"``.
+    name: ``"positions"``, ``"hip-frame"``, ``"body-frame"``, ``"euler"``, ``"quaternion"`` or ``"sixd"``.
     Raises ``TutorialError`` for another name, ``MotionError`` where ``"hip-frame"`` finds no hips and shoulders.
     """
     if name not in REPRESENTATIONS:

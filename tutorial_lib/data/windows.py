@@ -139,11 +139,13 @@ class WindowSampler:
     rotate: turn each window about the vertical by a random angle, before it is encoded.
     normalizer: applied to what ``sample`` returns.
     seed: an integer, or a ``numpy.random.Generator`` to draw from.
+    pad: clips too short for a window are lengthened at both ends with their first and last pose, so that a window may
+        begin or end with someone standing still in it (VAE-LSTM, section 4.1); else they are left out.
     groups: for each clip the number of the data set that it is from. Each data set is then drawn from equally often,
         however long it is; by default all clips are one.
 
     Every start of a window in a group is equally likely (between frame rates, in proportion to seconds). Clips too
-    short for any window are left out with one warning.
+    short for any window are left out with one warning, or with ``pad`` are in every one of their windows whole.
     Raises ``DataError`` where no clip of a group is long enough, ``MotionError`` where a clip does not fit the
     representation.
     """
@@ -160,6 +162,7 @@ class WindowSampler:
         normalizer: Normalizer | None = None,
         seed: int | np.random.Generator = 0,
         groups: Sequence[int] | None = None,
+        pad: bool = False,
     ):
         if length < 1 or batch < 1:
             raise DataError(f"windows of {length} frames in batches of {batch}: expected at least 1 of each")
@@ -173,6 +176,7 @@ class WindowSampler:
             raise DataError(f"frame rates {rates}: expected numbers above zero")
         self.representation, self.normalizer = representation, normalizer
         self.length, self.batch, self.rotate, self.rates = int(length), int(batch), bool(rotate), tuple(rates)
+        self.pad = bool(pad)
         self.rng = np.random.default_rng(seed)
         motions = list(motions)
         groups = [0] * len(motions) if groups is None else list(groups)
@@ -189,17 +193,20 @@ class WindowSampler:
             for rate in self.rates:
                 stride = whole_ratio(motion.fps, rate)
                 clip, stride = (motion, stride) if stride else (motion.resample(rate), 1)
-                starts = len(clip) - stride * (self.length - 1)
+                whole = stride * (self.length - 1) + 1  # frames that a window spans
+                if self.pad and len(clip) < whole:
+                    clip = padded(clip, 2 * whole - len(clip))
+                starts = len(clip) - whole + 1
                 if starts < 1:
                     continue
-                if clip.fps not in stored:
-                    stored[clip.fps] = size
+                if (clip.fps, len(clip)) not in stored:
+                    stored[clip.fps, len(clip)] = size
                     size += len(clip)
                     where = slice(0, 1) if self.representation.uses_rotations else slice(None)
                     positions.append(torch.tensor(clip.positions[:, where], dtype=torch.float32))
                     if self.representation.uses_rotations:
                         rotations.append(torch.tensor(clip.rotations, dtype=torch.float32))
-                table.append((stored[clip.fps], starts, stride, starts / clip.fps, group))
+                table.append((stored[clip.fps, len(clip)], starts, stride, starts / clip.fps, group))
             if len(table) == rows_before:
                 too_short.append(motion)
         drawn_from = {row[-1] for row in table}
@@ -263,6 +270,17 @@ class WindowSampler:
             f"WindowSampler({self.n_windows} windows of {self.length} frames at {rates} fps, "
             f"batch {self.batch}, {'rotated, ' if self.rotate else ''}{self.representation!r})"
         )
+
+
+def padded(motion: Motion, frames: int) -> Motion:
+    """``motion`` lengthened to ``frames`` frames, half of them before it in its first pose, half after it in its last.
+
+    VAE-LSTM, section 4.1. A motion as long as that is returned as it is.
+    """
+    lacking = max(0, frames - len(motion))
+    index = np.arange(-(lacking // 2), len(motion) + lacking - lacking // 2).clip(0, len(motion) - 1)
+    rotations = None if motion.rotations is None else motion.rotations[index]
+    return Motion(motion.skeleton, motion.fps, motion.positions[index], rotations, motion.name)
 
 
 def _too_short(motions: Sequence[Motion], length: int, rate: float) -> str:

@@ -52,7 +52,7 @@ class Pretrained:
         text = f"{self.system}{size} on {' + '.join(self.data) or 'unknown data'}, {self.clips} clips{steps}"
         freezing, frames = self.metrics.get("freezing"), self.metrics.get("frames")
         if freezing and frames:
-            text += f"; {freezing['count']} of {self.metrics['seeds']} stand still within {frames:,} frames"
+            text += f"; {freezing['count']} of {self.metrics['seeds']} freeze within {frames:,} frames"
         return text
 
 

@@ -1,4 +1,4 @@
-"""The papers' tables and figures, one command each: ``python -m tutorial_lib reproduce acrnn --data DIR``.
+"""The papers' tables and figures, one command each: ``python -m tutorial_lib reproduce acrnn`` and ``vae-lstm``.
 
 A command trains what is missing, measures everything and writes one JSON file, its result, to be read again:
 

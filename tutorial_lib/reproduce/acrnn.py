@@ -35,28 +35,18 @@ The result, a dict that is written as JSON
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import datetime
-import math
 import os
 import pathlib
-import platform
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-import torch
-
-from .. import __version__, data, metrics
-from ..data.catalog import DATA, data_folder
-from ..data.windows import split_clips
-from ..errors import DataError
+from .. import metrics
 from ..evaluate import jsonable, roll_out
+from ..motion.clip import Motion
 from ..recipes import Recipe
-from ..training.checkpoints import load_checkpoint
-from ..training.trainer import TrainingError
+from ..training.checkpoints import Checkpoint
 from .acrnn_examples import examples, explore, failure_strip, load_examples, write_examples
 from .acrnn_measure import measure_published, published, seconds_of_measuring, train_and_measure
 from .acrnn_plan import LONG_RUNS, QUICK, RATES_TRIED, STYLES, SYSTEMS, Budget, Plan, Protocol
@@ -69,12 +59,13 @@ from .acrnn_tables import (
     load_result,
     motion_change,
     pairs,
-    report,
     tables,
     true_change,
-    write_result,
 )
-from .grid import Report, Run, Told, clips_for, duration, seconds_a_step, side_by_side, train
+from .cost import Cost, Costs, both, choose_rates, validated, whole_cost
+from .grid import Report, Run, Told, clips_for, finished, side_by_side
+from .results import head, tell_result, write_result
+from .sources import check_data, data_from
 
 __all__ = [
     "difference",
@@ -133,9 +124,10 @@ def reproduce(
     plan = Plan(samples=samples, styles=tuple(styles), seeds=tuple(seeds), grid=grid, **made)
     runs = pathlib.Path(runs or pathlib.Path("runs") / ("acrnn-samples" if samples else "acrnn"))
     out = pathlib.Path(out or runs)
-    with _data_from(None if samples else source):
-        _check_data(plan, of_folder=source is not None and not samples)
-        record, costs = None, _Costs(plan)
+    with data_from(None if samples else source):
+        check_data([plan.data(style) for style in plan.styles], of_folder=source is not None and not samples,
+                   hint="--styles takes fewer, --data samples the sample motions")  # fmt: skip
+        record, costs = None, _costs(plan)
         if tuning:
             plan, record = tune(plan, runs, costs, jobs=jobs, tell=tell)
         result = _measured(plan, runs, costs, jobs=jobs, long=long, train_missing=train_missing, tell=tell)
@@ -145,21 +137,13 @@ def reproduce(
     path = write_result(result, out / "acrnn.json")
     if motions is not None:
         drawn["figure-7"] = failure_strip(load_examples(write_examples(*motions, path.with_suffix(".safetensors"))))
-    for line in report(result):
-        tell(line)
-    for name, figure in drawn.items():
-        if figure is not None:
-            figure.savefig(out / f"acrnn-{name}.png", dpi=120)
-    tell(f"wrote {path} ({path.stat().st_size / 1000:.0f} kB) and the figures beside it")
+    tell_result(path, tables(result), findings(result), drawn, tell)
     return result
 
 
-def _measured(plan: Plan, folder: pathlib.Path, costs: _Costs, *, jobs: int, long: bool, train_missing: bool,
+def _measured(plan: Plan, folder: pathlib.Path, costs: Costs, *, jobs: int, long: bool, train_missing: bool,
               tell: Callable[[str], None]) -> dict[str, Any]:  # fmt: skip
-    all_runs = plan.runs()
-    runs = [run for run in all_runs if train_missing or run.steps_left(folder) == 0]
-    if not runs:
-        raise DataError(f"{folder}: none of the {len(all_runs)} runs is finished, so there is nothing to measure")
+    runs = plan.runs() if train_missing else finished(plan.runs(), folder)
     long_runs = tuple(name for name in LONG_RUNS if long and any(run.name == name for run in runs))
     left = {run.name: run.steps_left(folder) for run in runs}
     with warnings.catch_warnings():
@@ -185,15 +169,7 @@ def _frame(plan: Plan) -> dict[str, Any]:
     """The result of a plan, still without what is measured."""
     protocol = plan.protocol
     return {
-        "paper": "acrnn",
-        "schema": SCHEMA,
-        "versions": {
-            "tutorial_lib": __version__,
-            "torch": torch.__version__.split("+")[0],
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-        },
-        "date": datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
+        **head("acrnn", SCHEMA),
         "data": "samples" if plan.samples else "cmu",
         "quick": plan.quick,
         "protocol": {
@@ -217,107 +193,25 @@ def _frame(plan: Plan) -> dict[str, Any]:
     }
 
 
-# --- data -----------------------------------------------------------------------------------------
-
-
-@contextlib.contextmanager
-def _data_from(folder: str | None) -> Iterator[None]:
-    """Inside the block, also for processes begun there, data sets are looked for in ``folder`` first."""
-    if folder is None:
-        yield
-        return
-    before = os.environ.get(DATA)
-    os.environ[DATA] = str(pathlib.Path(folder).expanduser().absolute())
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[DATA]
-        else:
-            os.environ[DATA] = before
-
-
-def _check_data(plan: Plan, *, of_folder: bool) -> None:
-    """One error for all data sets that are missing, before anything is computed.
-
-    A folder that was named must have them all; else what is missing is downloaded, as ever.
-    """
-    missing = []
-    places = {row.name: (row.at_hand, row.path) for row in data.listing()}
-    for name in map(plan.data, plan.styles):
-        at_hand, path = places[name]
-        if of_folder and at_hand != DATA:
-            missing.append(name)
-        elif at_hand in ("empty folder", "missing"):
-            missing.append(f"{name} ({at_hand}: {path})")
-        elif at_hand == "to download":
-            try:
-                data.fetch(name)
-            except DataError as error:
-                missing.append(f"{name} ({getattr(error, 'reason', '') or error})")
-    if missing:
-        where = f" in {data_folder()}" if of_folder else ""
-        raise DataError(
-            f"not at hand{where}: {'; '.join(missing)}; expected motion files for all of "
-            f"{', '.join(map(plan.data, plan.styles))} (--styles takes fewer, --data samples the sample motions)"
-        )
-
-
 # --- cost -----------------------------------------------------------------------------------------
 
 
-class _Costs:
-    """Seconds that a training step and the measuring of a system take here and now, each tried once."""
-
-    def __init__(self, plan: Plan):
-        self._plan = plan
-        self._steps: dict[tuple[str, str], float] = {}
-        self._measuring: dict[str, float] = {}
-
-    def step(self, style: str, system: str) -> float:
-        """One training step, with one thread."""
-        kind = style, system
-        if kind not in self._steps:
-            recipe = self._plan.recipe(style, system)
-            self._steps[kind] = seconds_a_step(recipe, clips_for(recipe), 0.02 if self._plan.quick else 0.6)
-        return self._steps[kind]
-
-    def measuring(self, style: str, system: str) -> float:
-        """One network; of what style makes little difference."""
-        if system not in self._measuring:
-            recipe = self._plan.recipe(style, system)
-            self._measuring[system] = seconds_of_measuring(recipe, clips_for(recipe), self._plan.protocol)
-        return self._measuring[system]
+def _costs(plan: Plan) -> Costs:
+    """For runs of this plan; kinds are (style, system) of steps and the system alone of measuring."""
+    return Costs(lambda recipe: seconds_of_measuring(recipe, clips_for(recipe), plan.protocol),
+                 0.02 if plan.quick else 0.6)  # fmt: skip
 
 
-def _whole_cost(plan: Plan, runs: Sequence[Run], left: Mapping[str, int], costs: _Costs, *, long_runs: Sequence[str],
-                jobs: int, tell: Callable[[str], None]) -> dict[str, tuple[float, float]]:  # fmt: skip
-    """(Seconds a step, seconds of measuring) of each run, told as a table with the sum of it all."""
-    cost, lines = {}, {}
-    for run in runs:
-        style, system = run.name.split("/")[0], run.recipe.system
-        step = costs.step(style, system) if left[run.name] else 0.0
-        after = costs.measuring(style, system)
-        after *= 1 + (run.name in long_runs) * plan.protocol.long_frames / plan.protocol.frames
-        cost[run.name] = step, after
-        line = lines.setdefault(system, [0, 0, 0.0, 0.0])
-        line[0] += left[run.name] > 0
-        line[1] += left[run.name]
-        line[2] += left[run.name] * step
-        line[3] += after
-    tell(f"{len(runs)} runs of {plan.budget.steps} steps, {plan.budget.hidden} cells a layer; on this machine, now:")
-    tell("  system               to train  steps left  s a step  training  evaluation")
-    for system, (count, steps, training, after) in lines.items():
-        each = f"{training / steps:8.3f}" if steps else "       -"
-        tell(f"  {system:<20} {count:>8}  {steps:>10,}  {each}  {duration(training):>8}  {duration(after):>10}")
-    total = sum(line[2] + line[3] for line in lines.values())
-    tell(f"  the whole cost: {_both(total, jobs)}")
-    return cost
+def _whole_cost(plan: Plan, runs: Sequence[Run], left: Mapping[str, int], costs: Costs, *, long_runs: Sequence[str],
+                jobs: int, tell: Callable[[str], None]) -> Cost:  # fmt: skip
+    def cost_of(run: Run) -> tuple[float, float]:
+        kind = run.name.split("/")[0], run.recipe.system
+        step = costs.step(kind, plan.recipe(*kind)) if left[run.name] else 0.0
+        after = costs.measuring(run.recipe.system, plan.recipe(*kind))  # of what style makes little difference
+        return step, after * (1 + (run.name in long_runs) * plan.protocol.long_frames / plan.protocol.frames)
 
-
-def _both(seconds: float, jobs: int) -> str:
-    beside = f"{jobs} processes of one thread each" if jobs > 1 else "one process"
-    return f"{duration(seconds)} of one core, about {duration(seconds / jobs)} with {beside}"
+    sizes = f"{plan.budget.steps} steps, {plan.budget.hidden} cells a layer"
+    return whole_cost(runs, left, cost_of, sizes=sizes, jobs=jobs, tell=tell)
 
 
 # --- learning rates -------------------------------------------------------------------------------
@@ -326,66 +220,49 @@ def _both(seconds: float, jobs: int) -> str:
 def tune(
     plan: Plan,
     folder: pathlib.Path,
-    costs: _Costs | None = None,
+    costs: Costs | None = None,
     *,
     jobs: int,
     tell: Callable[[str], None] = print,
 ) -> tuple[Plan, dict[str, Any]]:
     """The plan with the learning rate for each system that did best on validation clips, and the record of it.
 
-    A fifth of the training clips is set aside; a fifth of the steps is trained on the rest, for every style, system
+    A fifth of the training clips is set aside; half of the steps is trained on the rest, for every style, system
     and rate of :data:`RATES_TRIED`; the error is the mean over the eight times of table 1, after 20 seeds from the
-    clips set aside. Test clips are not touched. The rate is the one with the lowest geometric mean of the errors over
-    the styles (a rate at which training breaks off has an infinite one).
+    clips set aside. Test clips are not touched. How the rate is chosen: :func:`~.cost.choose_rates`.
     """
-    steps = max(1, plan.budget.steps // 5)
-    short = dataclasses.replace(plan, budget=dataclasses.replace(plan.budget, steps=steps))
-    cells = [(system, style, rate) for system in SYSTEMS for style in plan.styles for rate in RATES_TRIED]
-    tasks, runs = [], []
-    for system, style, rate in cells:
-        recipe = dataclasses.replace(short.recipe(style, system), learning_rate=rate)
-        runs.append(Run(f"tuning/{style}/{system}-{rate:g}", recipe))
-        tasks.append((runs[-1], folder, plan.protocol))
-    left = {run.name: _steps_left(run, folder) for run in runs}
-    costs = costs or _Costs(plan)
+    short = dataclasses.replace(plan, budget=dataclasses.replace(plan.budget, steps=max(1, plan.budget.steps // 2)))
+    trials = {
+        (system, style, rate): Run(
+            f"tuning/{style}/{system}-{rate:g}", dataclasses.replace(short.recipe(style, system), learning_rate=rate)
+        )
+        for system in SYSTEMS
+        for style in plan.styles
+        for rate in RATES_TRIED
+    }
+    costs = costs or _costs(plan)
+
+    def step(style: str, system: str) -> float:
+        return costs.step((style, system), plan.recipe(style, system))
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        cost = {run.name: (costs.step(run.name.split("/")[1], run.recipe.system), 1.0) for run in runs}
-        later = sum(run.recipe.steps * costs.step(run.name.split("/")[0], run.recipe.system) for run in plan.runs())
-    told = Told(runs, left, cost, jobs=jobs, tell=tell)
-    tell(f"choosing learning rates, {len(runs)} runs of {steps} steps: {_both(told.work_left(), jobs)}")
-    tell(f"then {len(plan.runs())} runs of {plan.budget.steps} steps: at most {_both(later, jobs)}")
-    scores = side_by_side(validation_error, tasks, jobs=jobs, heard=told)
-    record: dict[str, Any] = {"steps": steps, "rates": RATES_TRIED, "error": {}, "chosen": {}}
-    for (system, style, _), score in zip(cells, scores, strict=True):
-        record["error"].setdefault(system, {}).setdefault(style, []).append(score)
-    for system, styles in record["error"].items():
-        total = np.log(np.array(list(styles.values()))).sum(0)  # (rates,)
-        record["chosen"][system] = RATES_TRIED[int(total.argmin())]
-        edge = total.argmin() in (0, len(total) - 1)
-        tell(f"  {system:<20} {record['chosen'][system]:g}" + (", at the edge of what was tried" if edge else ""))
-    return dataclasses.replace(plan, rates=record["chosen"]), jsonable(record)
-
-
-def _steps_left(run: Run, folder: pathlib.Path) -> int:
-    try:
-        return run.steps_left(folder)
-    except TrainingError:  # it broke off: an outcome like another
-        return 0
+        later = sum(run.recipe.steps * step(run.name.split("/")[0], run.recipe.system) for run in plan.runs())
+    then = f"then {len(plan.runs())} runs of {plan.budget.steps} steps: at most {both(later, jobs)}"
+    record = choose_rates(
+        validation_error, trials, folder, plan.protocol,
+        lambda run: step(run.name.split("/")[1], run.recipe.system), then=then, jobs=jobs, tell=tell,
+    )  # fmt: skip
+    return dataclasses.replace(plan, rates=record["chosen"]), record
 
 
 def validation_error(run: Run, folder: pathlib.Path, protocol: Protocol, report: Report) -> float:
     """Mean error over the eight times on clips set aside from the training clips; infinite if training broke off."""
-    train_clips, _ = clips_for(run.recipe)[0]
-    kept, aside = split_clips(train_clips, 0.2, run.recipe.seed)
-    with contextlib.suppress(TrainingError):
-        train(run, folder, report, [(kept, aside)])
-        checkpoint = load_checkpoint(run.path(folder))
+
+    def error(checkpoint: Checkpoint, aside: list[Motion]) -> float:
         horizon = max(metrics.frames_at(metrics.PAPER_TIMES_MS, run.recipe.fps))
         rolled = roll_out(checkpoint, aside, count=protocol.seeds, frames=max(horizon, round(run.recipe.fps)),
                           seed_frames=protocol.seed_frames)  # fmt: skip
-        report(run.name, run.recipe.steps + 1)
-        error = float(rolled.errors().mean())
-        return error if math.isfinite(error) else math.inf
-    report(run.name, run.recipe.steps + 1)
-    return math.inf
+        return float(rolled.errors().mean())
+
+    return validated(run, folder, report, error)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import pathlib
 import time
 from collections.abc import Sequence
@@ -22,6 +21,7 @@ from ..training.checkpoints import Checkpoint, load_checkpoint, read_header
 from .acrnn_plan import LONG_RUNS, Protocol
 from .failures import Truth, failures
 from .grid import Clips, Report, Run, clips_for, one_thread, train
+from .results import rounded
 
 
 def train_and_measure(
@@ -81,18 +81,18 @@ def measure(
     change = run.change[:, : protocol.curve].mean(0)
     still = np.repeat(run.seeds[:, -1:], run.truth.shape[1], axis=1)
     return {
-        "error": _rounded(errors.mean(0)),
-        "standard_error": _rounded(metrics.standard_error(errors)),
-        "errors": _rounded(errors.T, 4),
+        "error": rounded(errors.mean(0)),
+        "standard_error": rounded(metrics.standard_error(errors)),
+        "errors": rounded(errors.T, 4),
         "motion_change": {
             "every": CURVE_EVERY,
             "smooth": CURVE_SMOOTH,
             "frames": len(change),
-            "values": _rounded(_smoothed(change)[::CURVE_EVERY], 3),
+            "values": rounded(_smoothed(change)[::CURVE_EVERY], 3),
         },
         "failures": failures(run.seeds, run.made, run.representation, truth),
         **flaws(run),
-        "last_frame": _rounded(metrics.prediction_error(still, run.truth, run.fps)),
+        "last_frame": rounded(metrics.prediction_error(still, run.truth, run.fps)),
     }
 
 
@@ -100,14 +100,6 @@ def _smoothed(curve: np.ndarray) -> np.ndarray:
     """The running mean over ``CURVE_SMOOTH`` frames, centred, as long as the curve: at its ends over fewer."""
     half = CURVE_SMOOTH // 2
     return np.array([curve[max(0, t - half) : t + half + 1].mean() for t in range(len(curve))])
-
-
-def _rounded(values: np.ndarray, digits: int = 5) -> list:
-    """Plain numbers of so many digits; what is not finite becomes None."""
-    values = np.asarray(values, dtype=float)
-    if values.ndim > 1:
-        return [_rounded(row, digits) for row in values]
-    return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values]
 
 
 # --- long samples ---------------------------------------------------------------------------------

@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import os
-import pathlib
-import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..atomic import atomic_write
-from ..errors import DataError
 from ..metrics import standard_error
 from ..view.plots import motion_change_plot
 from ..view.tables import ErrorTable, error_table
+from . import results
 from .acrnn_plan import DANCE, STYLES, SYSTEMS, label
 from .failures import RULES
 from .published import ACRNN_TABLE_1, ACRNN_TABLE_2
+from .results import RESULTS, Finding, Result, numbers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Result = Mapping[str, Any]
-
-RESULT = pathlib.Path(__file__).with_name("results") / "acrnn.json"
+RESULT = RESULTS / "acrnn.json"
 SCHEMA = 1
 TABLE_2_ROWS = {
     label(10, 10): "c-length 10",
@@ -40,31 +34,12 @@ TABLE_2_ROWS = {
 # --- files ----------------------------------------------------------------------------------------
 
 
-def write_result(result: Result, path: str | os.PathLike) -> pathlib.Path:
-    """Write a result as JSON, whole or not at all; rows of numbers in one line each."""
-    path = pathlib.Path(path)
-    text = json.dumps(result, indent=1, allow_nan=False)
-    text = re.sub(r"\[(?:[^\[\]{}]|\[[^\[\]{}]*\])*\]", lambda found: " ".join(found[0].split()), text)
-    with atomic_write(path) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
-    return path
-
-
 def load_result(path: str | os.PathLike | None = None) -> dict[str, Any]:
     """A result that ``reproduce acrnn`` wrote; by default the one that comes with the library.
 
     Raises :class:`DataError` for a file that is missing or is no such result.
     """
-    path = RESULT if path is None else pathlib.Path(path)
-    try:
-        result = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise DataError(f"{path}: there is no such result; python -m tutorial_lib reproduce acrnn makes one") from None
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: not a result of reproduce acrnn ({' '.join(str(error).split())[:120]})") from None
-    if not isinstance(result, dict) or result.get("paper") != "acrnn" or result.get("schema") != SCHEMA:
-        raise DataError(f"{path}: not a result of reproduce acrnn, expected paper 'acrnn' and schema {SCHEMA}")
-    return result
+    return results.load_result(RESULT if path is None else path, "acrnn", SCHEMA)
 
 
 # --- what a result says ---------------------------------------------------------------------------
@@ -78,7 +53,7 @@ def runs_of(result: Result, style: str, label: str) -> list[dict[str, Any]]:
 def error(result: Result, style: str, label: str) -> np.ndarray | None:
     """(8,) prediction error, mean over training seeds; NaN where it is not finite; None without such a run."""
     found = runs_of(result, style, label)
-    return np.mean([_numbers(run["error"]) for run in found], axis=0) if found else None
+    return np.mean([numbers(run["error"]) for run in found], axis=0) if found else None
 
 
 def difference(result: Result, style: str, one: str, other: str) -> tuple[np.ndarray, np.ndarray] | None:
@@ -87,8 +62,8 @@ def difference(result: Result, style: str, one: str, other: str) -> tuple[np.nda
     Taken seed by seed, which both were shown alike, over all training seeds that both have. A difference of less than
     two standard errors says little. None without two such runs.
     """
-    ones = {run["seed"]: _numbers(run["errors"]) for run in runs_of(result, style, one)}
-    others = {run["seed"]: _numbers(run["errors"]) for run in runs_of(result, style, other)}
+    ones = {run["seed"]: numbers(run["errors"]) for run in runs_of(result, style, one)}
+    others = {run["seed"]: numbers(run["errors"]) for run in runs_of(result, style, other)}
     pairs = [ones[seed] - others[seed] for seed in ones if seed in others]  # (8, seeds) each
     if not pairs:
         return None
@@ -102,7 +77,7 @@ def motion_change(result: Result, name: str) -> np.ndarray:
     The result keeps each fifth frame; between them it is a straight line. Draw it with ``smooth=1``.
     """
     curve = result["runs"][name]["motion_change"]
-    values = _numbers(curve["values"])
+    values = numbers(curve["values"])
     return np.interp(np.arange(curve["frames"]), np.arange(len(values)) * curve["every"], values)
 
 
@@ -125,10 +100,6 @@ def pairs(result: Result, style: str = DANCE) -> dict[tuple[int, int], str]:
             elif run["system"] == "lstm":
                 found[1, 0] = name
     return dict(sorted(found.items()))
-
-
-def _numbers(values: Any) -> np.ndarray:
-    return np.array(values, dtype=float)  # None becomes NaN
 
 
 def _title(result: Result, style: str) -> str:
@@ -170,7 +141,7 @@ def tables(result: Result) -> dict[str, ErrorTable]:
         )
     found["standard errors"] = error_table(
         columns,
-        {_title(result, s): {row.title: np.mean([_numbers(r["standard_error"]) for r in runs_of(result, s, k)], axis=0)
+        {_title(result, s): {row.title: np.mean([numbers(r["standard_error"]) for r in runs_of(result, s, k)], axis=0)
                              for k, row in SYSTEMS.items() if runs_of(result, s, k)} for s in styles},
         caption=f"Standard error of table 1's means, over {result['protocol']['seeds']} seeds", best=None,
     )  # fmt: skip
@@ -182,7 +153,7 @@ def tables(result: Result) -> dict[str, ErrorTable]:
     found["reference"] = error_table(
         columns,
         {"last frame of the seed repeated": {
-            _title(result, s): np.mean([_numbers(split["last_frame"]) for key, split in result["splits"].items()
+            _title(result, s): np.mean([numbers(split["last_frame"]) for key, split in result["splits"].items()
                                         if key.split()[0] == s], axis=0) for s in styles}},
         caption="For comparison: the error of no network at all", best=None,
     )  # fmt: skip
@@ -214,7 +185,7 @@ def _seed_rows(result: Result, style: str) -> Iterable[tuple[str, np.ndarray]]:
     for system, row in SYSTEMS.items():
         found = runs_of(result, style, system)
         if found:
-            each = np.array([_numbers(run["error"]) for run in found])
+            each = np.array([numbers(run["error"]) for run in found])
             yield f"{row.title}, lowest", each.min(0)
             yield f"{row.title}, highest", each.max(0)
 
@@ -252,21 +223,6 @@ def _failure_row(found: Mapping[str, Any]) -> list[float | None]:
 
 
 # --- findings -------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that the paper finds, and whether this result finds it too.
-
-    ours: None where runs that it needs are missing. evidence: numbers, in one line.
-    """
-
-    claim: str
-    ours: bool | None
-    evidence: str
-
-    def __str__(self) -> str:
-        return f"{ {True: 'yes', False: 'no', None: '-'}[self.ours]:<4}{self.claim}: {self.evidence}"
 
 
 def findings(result: Result) -> list[Finding]:
@@ -359,15 +315,6 @@ def _failing(result: Result, style: str) -> list[Finding]:
         holds = failed == 0 if system == "aclstm" else failed > 0
         found.append(Finding(claim, holds, f"{failed} of {samples} samples" + (f" ({by})" if by else "")))
     return found
-
-
-def report(result: Result) -> list[str]:
-    """All of it for a terminal."""
-    lines = []
-    for table in tables(result).values():
-        lines += [*str(table).splitlines(), ""]
-    lines.append("What the paper finds, and whether it is so here:")
-    return [*lines, *map(str, findings(result))]
 
 
 # --- figures --------------------------------------------------------------------------------------

@@ -25,10 +25,10 @@ import numpy as np
 
 from .. import metrics
 from ..generate import prepare
+from ..metrics import FREEZING
 from ..motion.clip import Motion
 from ..representations import Representation
 
-FREEZING = {"fraction": 0.1, "seconds": 10.0}
 STUCK = {"fraction": 0.25, "seconds": 10.0}
 DIVERGENCE = {"factor": 1.5}
 OUT_OF_RANGE = {"factor": 1.25, "seconds": 1.0}

@@ -27,7 +27,7 @@ from typing import Any
 import torch
 
 from ..data.catalog import DATA
-from ..errors import CheckpointError, TutorialError
+from ..errors import CheckpointError, DataError, TutorialError
 from ..motion.clip import Motion
 from ..recipes import Recipe, differences, recipe_in, sets_of, trainer_for
 from ..training.checkpoints import read_header
@@ -77,6 +77,14 @@ class Run:
         if not header["resumable"] and status != "finished":
             raise TrainingError(f"{path}: training has stopped for good: {status}")
         return self.recipe.steps - int(header["training"]["steps_done"])
+
+
+def finished(runs: Sequence[Run], folder: str | os.PathLike) -> list[Run]:
+    """Those that are trained to their end; :class:`DataError` if none is."""
+    found = [run for run in runs if run.steps_left(folder) == 0]
+    if not found:
+        raise DataError(f"{folder}: none of the {len(runs)} runs is finished, so there is nothing to measure")
+    return found
 
 
 def clips_for(recipe: Recipe) -> Clips:

@@ -5,11 +5,17 @@ this. A schedule is a boolean tensor over time, ``True`` = fed the truth: (T,), 
 has its own. The first frame is always the truth, since there is no output yet. :func:`~.rollout.rollout` runs a
 network under a schedule; drawn as rows of squares it is figure 1 of the acRNN paper.
 
+A schedule has whole frames of truth. At synthesis some channels may be true at *every* frame, such as the control
+signal that someone gives: :class:`Given`.
+
 >>> auto_conditioning(10, u=3, v=2).int().tolist()
 [1, 1, 1, 0, 0, 1, 1, 1, 0, 0]
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -98,6 +104,57 @@ def check_decay(probability: float, decay: str) -> None:
         raise TutorialError(f"unknown decay {decay!r}; known are {', '.join(DECAYS)}")
     if decay in ("exponential", "inverse-sigmoid") and not (0 < probability < 1):
         raise TutorialError(f"the {decay} decay ends at a probability above 0 and below 1, not at {probability!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """True values of some channels of the frames to come, put in the place of what a network says there.
+
+    Of each frame that the network predicts the given channels are replaced, and so it goes out and is read at the next
+    step: the rest of frame t + 1 was predicted from the given values up to frame t. VAE-LSTM, figure 4: "For each
+    frame predicted by LSTM-3LR, ERD and CRBM, we replace predicted control signals with the ground truth".
+
+    channels : their numbers in a frame, such as ``range(63, 66)``; for the parts of a representation see
+        :func:`tutorial_lib.generate.given_parts`.
+    values : (B, F, C) for the F frames after the seed, in the network's own (normalised) features.
+    Raises :class:`TutorialError` for values that are not finite or not C in a frame, or channels named twice.
+    """
+
+    channels: Sequence[int]
+    values: Tensor
+
+    def __post_init__(self):
+        object.__setattr__(self, "channels", tuple(int(channel) for channel in self.channels))
+        shape = tuple(self.values.shape)
+        if len(shape) != 3 or shape[-1] != len(self.channels):
+            raise TutorialError(
+                f"given values of shape {shape} for {len(self.channels)} channels: expected (sequences, frames, "
+                f"{len(self.channels)})"
+            )
+        if len(set(self.channels)) < len(self.channels) or min(self.channels, default=0) < 0:
+            raise TutorialError(f"given channels {list(self.channels)}: expected different numbers of 0 or more")
+        bad = ~torch.isfinite(self.values).all(-1).all(0)
+        if bad.any():
+            raise TutorialError(f"given values are not finite at frame {int(bad.to(torch.uint8).argmax()) + 1}")
+
+    @property
+    def frames(self) -> int:
+        """F."""
+        return self.values.shape[1]
+
+    def put(self, frame: Tensor, t: int) -> Tensor:
+        """A copy of a frame (B, D), number t after the seed from 0 on, that has the given values."""
+        frame = frame.clone()
+        frame[:, list(self.channels)] = self.values[:, t].to(frame)
+        return frame
+
+    def check(self, batch: int, dim: int) -> None:
+        """Raise :class:`TutorialError` unless this is for so many sequences of such frames."""
+        if len(self.values) != batch or max(self.channels, default=0) >= dim:
+            raise TutorialError(
+                f"given values for {len(self.values)} sequences and channels {list(self.channels)}, the seed has "
+                f"{batch} sequences of {dim} numbers a frame"
+            )
 
 
 def _is_whole(value: object) -> bool:

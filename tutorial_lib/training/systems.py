@@ -10,16 +10,24 @@ import contextlib
 import dataclasses
 import difflib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from ..errors import CheckpointError, TutorialError
+from ..models.crbm import CRBM, CRBMConfig
+from ..models.dynamic_future_net import DynamicFutureNet, DynamicFutureNetConfig
 from ..models.recurrent import ERD, LSTM3LR, ERDConfig, LSTM3LRConfig, Seq2Seq, Seq2SeqConfig
+from ..models.vae_lstm import VAELSTM, VAELSTMConfig
+from ..representations import REPRESENTATIONS, Representation
 from .conditioning import auto_conditioning, check_decay, scheduled_sampling, seed_only, truth_probability
+from .contrastive_divergence import ContrastiveDivergence
+from .future_loss import DynamicFutureLoss
 from .rollout import rollout
+from .stages import Stage
+from .variational_loss import VariationalLoss
 
 LossFunction = Callable[..., Any]
 """``loss(model, batch, rng, progress)`` -> scalar tensor, or the pair (scalar, {name of term: scalar}).
@@ -45,7 +53,9 @@ def next_frame_loss(
     return distance.mean()
 
 
-def scheduled_loss(model: nn.Module, batch: Tensor, schedule: Tensor) -> Tensor:
+def scheduled_loss(
+    model: nn.Module, batch: Tensor, schedule: Tensor, *, noise: float = 0.0, rng: torch.Generator | None = None
+) -> Tensor:
     r"""The loss under any schedule: fed truth or its own output, the network is asked for the *true* next frame.
 
     .. math:: L(x_t) = \| H(\hat x_t^k, m_t) - x_{t+1} \|_2^2   \qquad (2)
@@ -54,27 +64,49 @@ def scheduled_loss(model: nn.Module, batch: Tensor, schedule: Tensor) -> Tensor:
     of a frame, averaged over sequences and time steps, as :func:`next_frame_loss`; the gradient runs back
     through the outputs that were fed.
 
-    ``batch`` is (B, T, D); ``schedule``, (T - 1,) or (B, T - 1), is for the first T - 1 frames.
+    ``batch`` is (B, T, D); ``schedule``, (T - 1,) or (B, T - 1), is for the first T - 1 frames. ``noise``: see
+    :func:`noisy`; it is on the truth that is fed, never on the targets.
     """
-    prediction, _ = rollout(model, batch[:, :-1], schedule)  # (B, T-1, D)
+    prediction, _ = rollout(model, noisy(batch[:, :-1], noise, rng), schedule)  # (B, T-1, D)
     distance = (prediction - batch[:, 1:]).square().sum(dim=-1)  # (B, T-1)
     return distance.mean()
 
 
+def noisy(frames: Tensor, deviation: float, rng: torch.Generator | None = None) -> Tensor:
+    """Frames with Gaussian noise of that standard deviation, in the units of the features, on every number."""
+    if deviation == 0:
+        return frames
+    noise = torch.randn(frames.shape, generator=rng, dtype=frames.dtype)  # on the CPU, where rng is
+    return frames + deviation * noise.to(frames.device)
+
+
+def _check_noise(noise: float) -> None:
+    if isinstance(noise, bool) or not isinstance(noise, (int, float)) or not 0 <= noise < math.inf:
+        raise TutorialError(f"the noise is a standard deviation of 0 or more, not {noise!r}")
+
+
 @dataclasses.dataclass(frozen=True)
 class AutoConditionedLoss:
-    """:func:`scheduled_loss` with ``u`` frames of truth, then ``v`` own ones, in turn: the acLSTM."""
+    """:func:`scheduled_loss` with ``u`` frames of truth, then ``v`` own ones, in turn: the acLSTM.
+
+    ``noise`` on the truth that is fed is not in the acRNN paper, so the default is none. A network that has only
+    met exact frames and ``v`` frames of its own can settle in a pose that lies beside all of them; with noise it has
+    learnt to come back from everywhere around the truth, as the ERD does (:class:`NoisyInputLoss`).
+    """
 
     u: int = 5
     v: int = 5
+    noise: float = 0.0
 
     def __post_init__(self):
         auto_conditioning(1, self.u, self.v)  # raises if they cannot be
+        _check_noise(self.noise)
 
     def __call__(
         self, model: nn.Module, batch: Tensor, rng: torch.Generator | None = None, progress: float = 0.0
     ) -> Tensor:
-        return scheduled_loss(model, batch, auto_conditioning(batch.shape[1] - 1, self.u, self.v))
+        schedule = auto_conditioning(batch.shape[1] - 1, self.u, self.v)
+        return scheduled_loss(model, batch, schedule, noise=self.noise, rng=rng)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,16 +139,12 @@ class NoisyInputLoss:
     noise: float = 0.0
 
     def __post_init__(self):
-        if isinstance(self.noise, bool) or not isinstance(self.noise, (int, float)) or not 0 <= self.noise < math.inf:
-            raise TutorialError(f"the noise is a standard deviation of 0 or more, not {self.noise!r}")
+        _check_noise(self.noise)
 
     def __call__(
         self, model: nn.Module, batch: Tensor, rng: torch.Generator | None = None, progress: float = 0.0
     ) -> Tensor:
-        if self.noise == 0:
-            return next_frame_loss(model, batch)
-        noise = torch.randn(batch[:, :-1].shape, generator=rng, dtype=batch.dtype)  # on the CPU, where rng is
-        prediction, _ = model(batch[:, :-1] + self.noise * progress * noise.to(batch.device))  # (B, T-1, D)
+        prediction, _ = model(noisy(batch[:, :-1], self.noise * progress, rng))  # (B, T-1, D)
         distance = (prediction - batch[:, 1:]).square().sum(dim=-1)  # (B, T-1)
         return distance.mean()
 
@@ -169,20 +197,59 @@ class SystemKind:
     """What a name such as "lstm" stands for.
 
     ``loss`` is the loss function itself or, for a system with options of its own, the frozen dataclass of them
-    whose values are loss functions.
+    whose values are loss functions; or have, for a system that is trained in stages, a method ``stages()``.
+    ``parts`` are slices of the representation that the network must know, fields of its configuration: "control".
+    ``reads`` names the only representations that the network can read, if it must know more of them than their width:
+    its configuration then has the representation's own as ``features``, and it takes features as they are, never
+    normalised.
+    ``recipe`` has what a training run is by default, where it is not what other systems have.
+    ``predicts`` : whether the network tells the next frame, and so lives on its own output after a seed.
+    ``futures`` : whether it goes on from a seed in another way, by chance: :mod:`tutorial_lib.generate_futures`.
     """
 
     summary: str
     model: type[nn.Module]
     config: type
     loss: LossFunction
+    parts: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
+    recipe: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    predicts: bool = True
+    futures: bool = False
 
     @property
-    def options(self) -> dict[str, Any]:
+    def sizes(self) -> tuple[str, ...]:
+        """What the network's configuration has besides ``dim``."""
+        return tuple(field.name for field in dataclasses.fields(self.config) if field.name != "dim")
+
+    @property
+    def loss_options(self) -> dict[str, Any]:
         """The options of the loss, such as u and v, with their defaults."""
         if not dataclasses.is_dataclass(self.loss):
             return {}
         return {field.name: field.default for field in dataclasses.fields(self.loss)}
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The system's own options, with their defaults: of the loss, and of the network those that not all have."""
+        fields = {field.name: field.default for field in dataclasses.fields(self.config)}
+        own = {n: v for n, v in fields.items() if n not in ("dim", "hidden", "layers", "features", *self.parts)}
+        return {**self.loss_options, **own}
+
+    def check_parts(self, name: str, representation: Representation | type[Representation]) -> None:
+        """Raise ``TutorialError`` unless a representation is one that the network can read, with all parts that it must
+        know."""
+        if self.reads and representation.name not in self.reads:
+            raise TutorialError(
+                f"system {name!r} reads the representation {' or '.join(self.reads)}, not {representation.name}"
+            )
+        for part in self.parts:
+            if part not in representation.parts:
+                having = [other.name for other in REPRESENTATIONS.values() if part in other.parts]
+                raise TutorialError(
+                    f"system {name!r} needs the {part} channels of a representation, {representation.name!r} has "
+                    f"{' and '.join(representation.parts)} only: expected {' or '.join(having)}"
+                )
 
 
 SYSTEMS: dict[str, SystemKind] = {
@@ -216,6 +283,39 @@ SYSTEMS: dict[str, SystemKind] = {
         LSTM3LRConfig,
         ScheduledSamplingLoss,
     ),
+    "vae-lstm": SystemKind(
+        "recurrent variational autoencoder that follows control signals and needs no seed (Habibie et al.)",
+        VAELSTM,
+        VAELSTMConfig,
+        VariationalLoss,
+        parts=("control",),
+        recipe={  # rotate: the hip's frame turns with the body, so turning a window changes nothing
+            "representation": "hip-frame",
+            "joints": "common",
+            "length": 120,
+            "pad": True,
+            "rotate": False,
+            "steps": 1000,
+        },
+        predicts=False,
+    ),
+    "crbm": SystemKind(
+        "conditional restricted Boltzmann machine (Taylor et al.): draws a frame given those before, trained by CD-k",
+        CRBM,
+        CRBMConfig,
+        ContrastiveDivergence,
+        recipe={"representation": "hip-frame"},  # normalised: its visible units have a standard deviation of 1
+    ),
+    "dynamic-future-net": SystemKind(
+        "Dynamic Future Net (Chen et al.): imagines one of many futures and moves towards it; trained in three stages",
+        DynamicFutureNet,
+        DynamicFutureNetConfig,
+        DynamicFutureLoss,
+        reads=("body-frame",),
+        recipe={"representation": "body-frame", "joints": "common", "length": 40, "rotate": False, "steps": 6000},
+        predicts=False,
+        futures=True,
+    ),
 }
 
 
@@ -224,13 +324,14 @@ class System:
     """A network and the loss that it is trained with: what a :class:`Trainer` trains.
 
     ``loss`` is called as ``loss(model, batch, rng, progress)``, see :data:`LossFunction`; ``options`` are what it
-    was made with, kept in the checkpoint's ``training``.
+    was made with, kept in the checkpoint's ``training``. With ``stages`` the trainer takes their losses instead.
     """
 
     name: str
     model: nn.Module
     loss: LossFunction
     options: dict[str, Any] = dataclasses.field(default_factory=dict)
+    stages: tuple[Stage, ...] = ()
 
 
 def system_kind(name: str, error: type[TutorialError] = TutorialError) -> SystemKind:
@@ -246,21 +347,28 @@ def make_system(name: str, dim: int, *, seed: int = 0, **values) -> System:
     """A fresh system for frames of ``dim`` numbers.
 
     ``values`` are sizes of the network (``hidden``, ``layers``) and the system's own options ("aclstm": ``u``,
-    ``v``; "erd": ``noise``; "seq2seq": ``n_seed``, ``n_future``; "scheduled-sampling": ``probability``, ``decay``).
-    The weights are drawn from ``seed``; torch's
-    global generator is put back as it was.
+    ``v``, ``noise``; "erd": ``noise``; "seq2seq": ``n_seed``, ``n_future``; "scheduled-sampling": ``probability``,
+    ``decay``; "vae-lstm": ``deviation``, ``l1``, ``kernel``, ..., and its ``control`` channels, which must be given;
+    "crbm": ``cd``, ``past``, ``gibbs``; "dynamic-future-net": ``stage``, ``horizon``, ..., and its ``features``, which
+    must be given). The weights are drawn from ``seed``; torch's global generator is put back as it was.
     """
     kind = system_kind(name)
-    sizes = [field.name for field in dataclasses.fields(kind.config) if field.name != "dim"]
+    known = tuple(dict.fromkeys((*kind.sizes, *kind.options)))
     for value in values:
-        if value not in (*sizes, *kind.options):
+        if value not in known:
             what = "size" if not kind.options else "size or option"
-            raise TutorialError(f"system {name!r} has no {what} {value!r}; it has {', '.join((*sizes, *kind.options))}")
+            raise TutorialError(f"system {name!r} has no {what} {value!r}; it has {', '.join(known)}")
+    for part in kind.parts:
+        if part not in values:
+            raise TutorialError(f"system {name!r} must be told its {part} channels, the representation's slice")
+    if kind.reads and values.get("features") is None:
+        raise TutorialError(f"system {name!r} must be told its features, the representation's config()")
     options = {option: values.get(option, default) for option, default in kind.options.items()}
-    loss = kind.loss(**options) if options else kind.loss
+    of_loss = {option: options[option] for option in kind.loss_options}
+    loss = kind.loss(**of_loss) if of_loss else kind.loss
     with global_seed(seed):
-        model = kind.model(kind.config(dim=dim, **{size: values[size] for size in sizes if size in values}))
-    return System(name, model, loss, options)
+        model = kind.model(kind.config(dim=dim, **{size: values[size] for size in kind.sizes if size in values}))
+    return System(name, model, loss, options, loss.stages() if hasattr(loss, "stages") else ())
 
 
 def empty_model(name: str, config: dict[str, Any]) -> nn.Module:

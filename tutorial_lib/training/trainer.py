@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from ..errors import CheckpointError, TutorialError
 from .checkpoints import load_state, provenance, save_checkpoint
 from .progress import LivePlot, Progress
+from .stages import Stage, stage_ends
 from .systems import System
 
 SCHEDULES = ("one-cycle", "constant")
@@ -65,8 +66,8 @@ class TrainingConfig:
         if self.clip is not None and not self.clip > 0:
             raise TutorialError(f"clip must be above 0 or None, not {self.clip!r}")
 
-    def learning_rate_at(self, step: int) -> float:
-        """Learning rate of step 0 ... steps - 1.
+    def learning_rate_at(self, step: int, steps: int | None = None) -> float:
+        """Learning rate of step 0 ... steps - 1; of a stage of a run, ``steps`` are its own.
 
         "one-cycle" (Smith and Topin, "Super-convergence", 2017): half a cosine up from 1/25 of the full rate
         over the first 30 % of the steps, half a cosine down to nearly nothing over the rest.
@@ -74,7 +75,7 @@ class TrainingConfig:
         if self.schedule == "constant":
             return self.learning_rate
         low, high, end = self.learning_rate / 25, self.learning_rate, self.learning_rate / 250_000
-        progress = step / max(1, self.steps - 1)
+        progress = step / max(1, (self.steps if steps is None else steps) - 1)
         if progress < 0.3:
             return low + (high - low) * (1 - math.cos(math.pi * progress / 0.3)) / 2
         return end + (high - end) * (1 + math.cos(math.pi * (progress - 0.3) / 0.7)) / 2
@@ -90,8 +91,9 @@ class Trainer:
 
     Parameters
     ----------
-    system : network and loss. Parameters that do not require gradients stay as they are, which is how a model
-        is trained in stages.
+    system : network and loss, or its stages: each then has its share of the steps, a learning rate that
+        starts anew, and a line of progress of its own, and only its part of the network learns.
+        Parameters that do not require gradients stay as they are.
     batches : gives the batches, see :class:`Batches`.
     config : steps, learning rate and so on.
     path : the checkpoint to write, every ``save_seconds`` and at the end; ``None`` writes nothing.
@@ -133,6 +135,8 @@ class Trainer:
         self._normalizer = getattr(batches, "normalizer", None) if normalizer is None else normalizer
         self._provenance = provenance
         self._stopped = ""  # why, if it is for good
+        self.stages = system.stages or (Stage(system.name, system.loss),)
+        self._ends = stage_ends(self.stages, self.config.steps)
 
         self.model.to(self.device)
         self._parameters = [p for p in self.model.parameters() if p.requires_grad]
@@ -153,14 +157,44 @@ class Trainer:
         return self.step >= self.config.steps
 
     @property
+    def stage(self) -> Stage:
+        """The stage of the next step; when all are done the last."""
+        return self.stages[self._stage]
+
+    @property
+    def _stage(self) -> int:
+        return min(sum(self.step >= end for end in self._ends), len(self.stages) - 1)
+
+    def stage_steps(self, stage: int) -> range:
+        """The steps of a stage, counted from 0."""
+        return range(self._ends[stage - 1] if stage else 0, self._ends[stage])
+
+    def stage_history(self, name: str) -> dict[str, list[float]]:
+        """The loss and its terms at the steps done of the stage of that name; unknown names raise ``TutorialError``."""
+        names = [stage.name for stage in self.stages]
+        if name not in names:
+            raise TutorialError(f"no stage {name!r} in this run; it has {', '.join(names)}")
+        steps = self.stage_steps(names.index(name))
+        parts = {term: values[steps.start : steps.stop] for term, values in self.history.items()}
+        return {term: values for term, values in parts.items() if not all(math.isnan(v) for v in values)}
+
+    @property
     def loss(self) -> float | None:
-        """The mean loss of the last hundred steps; ``None`` before the first."""
-        recent = self.history["loss"][-100:]
+        """The mean loss of the last hundred steps, of one stage; ``None`` before the first."""
+        start = max((steps.start for k in range(len(self.stages)) if (steps := self.stage_steps(k)).start < self.step),
+                    default=0)  # fmt: skip
+        recent = self.history["loss"][start:][-100:]
         return sum(recent) / len(recent) if recent else None
 
     def __repr__(self) -> str:
         loss = "" if self.loss is None else f", loss {self.loss:.4g}"
-        return f"Trainer({self.system.name}: {self.step} of {self.config.steps} steps{loss})"
+        return f"Trainer({self._title}: {self.step} of {self.config.steps} steps{loss})"
+
+    @property
+    def _title(self) -> str:
+        if len(self.stages) == 1:
+            return self.system.name
+        return f"{self.system.name}, {self.stage.name} ({self._stage + 1} of {len(self.stages)})"
 
     def run(
         self,
@@ -191,50 +225,85 @@ class Trainer:
             raise TrainingError(f"training has stopped for good: {self._stopped}")
         if self.finished:
             return self
-        self.model.train()
-        bar = Progress(self.config.steps, start=self.step, title=self.system.name, enabled=progress)
-        plot = LivePlot(self.config.steps, title=self.system.name, enabled=live_plot)
         start = last_save = time.monotonic()
         before = self.seconds
-        shown = None
+        bar = plot = None
         try:
             with self._own_global_rng(), _deferred_interrupt() as interrupt:
                 while not self.finished and not interrupt:
+                    if bar is None:
+                        self._enter_stage()
+                        steps = self.stage_steps(self._stage)
+                        bar = Progress(len(steps), start=self.step - steps.start, title=self._title, enabled=progress)
+                        plot = LivePlot(len(steps), title=self._title, enabled=live_plot)
+                        shown, losses = None, self.history["loss"][steps.start :]
                     loss = self._train_step()
                     now = time.monotonic()
                     self.seconds = before + now - start
                     shown = loss if shown is None else 0.95 * shown + 0.05 * loss
                     bar.update(loss=shown)
-                    plot.update(self.history["loss"])
+                    losses.append(loss)
+                    plot.update(losses)
+                    ended = self.step == steps.stop
+                    if ended:
+                        self._leave_stage()
+                        bar.close()
+                        plot.close(losses)
+                        bar = None
                     if callback is not None:
                         self._remember_global_rng()  # it may save
                         callback(self)
                         self.model.train()  # it may have generated something
                     if max_seconds is not None and now - start >= max_seconds:
                         break
-                    if not self.finished and now - last_save >= self.save_seconds:
+                    if not self.finished and (ended or now - last_save >= self.save_seconds):
                         self._remember_global_rng()
                         self.save()
                         last_save = time.monotonic()
-                if self.finished and not all(torch.isfinite(p).all() for p in self._parameters):
-                    self._stop("largest weight after the update", math.inf)
         except TrainingError as error:
             if self.path is not None and self.step > 0:
                 self.save()
                 raise TrainingError(f"{error} in {self.path}") from None
             raise
         finally:
-            bar.close()
-            plot.close(self.history["loss"])
+            if bar is not None:
+                bar.close()
+                plot.close(losses)
             self.model.eval()
         self.save()
         return self
 
+    def _enter_stage(self) -> None:
+        """The part of the network that learns in the stage of the next step, and no other, takes gradients."""
+        stage = self.stage
+        if self.step == self.stage_steps(self._stage).start:
+            if stage.check is not None:
+                stage.check(self.model)
+            if stage.before is not None:
+                stage.before(self.model, self._sample)
+        if stage.module:
+            for name, parameter in self.model.named_parameters():
+                parameter.requires_grad_(name.startswith(stage.module + "."))
+        self.model.train()
+
+    def _leave_stage(self) -> None:
+        """After the last step of a stage."""
+        if not all(torch.isfinite(p).all() for p in self._parameters):
+            self._stop("largest weight after the update", math.inf, self.step)
+        stage = self.stages[self._ends.index(self.step)]
+        if stage.after is not None:
+            stage.after(self.model, self._sample)
+        self._good = None  # what follows must not undo a step of this stage
+
+    def _sample(self) -> Any:
+        """The next batch, on the device."""
+        return _to_device(self.batches.sample(), self.device)
+
     def _train_step(self) -> float:
         """One step of gradient descent; returns the loss. Nothing changes if it is not finite."""
-        config = self.config
-        batch = _to_device(self.batches.sample(), self.device)
-        result = self.system.loss(self.model, batch, self._rng, self.step / max(1, config.steps - 1))
+        config, steps = self.config, self.stage_steps(self._stage)
+        done = self.step - steps.start  # of this stage
+        result = self.stage.loss(self.model, self._sample(), self._rng, done / max(1, len(steps) - 1))
         loss, terms = result if isinstance(result, tuple) else (result, {})
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
@@ -247,11 +316,12 @@ class Trainer:
             )
         self._keep_good_weights()
         for group in self._optimizer.param_groups:
-            group["lr"] = config.learning_rate_at(self.step)
+            group["lr"] = config.learning_rate_at(done, len(steps))
         self._optimizer.step()
         self.step += 1
-        for name, value in zip(["loss", *terms], [values[0], *values[2:]], strict=True):
-            self.history.setdefault(name, []).append(value)
+        told = dict(zip(["loss", *terms], [values[0], *values[2:]], strict=True))
+        for name in {**self.history, **told}:  # a term that another stage has is not a number in this one
+            self.history.setdefault(name, [math.nan] * (self.step - 1)).append(told.get(name, math.nan))
         return values[0]
 
     def _keep_good_weights(self) -> None:
@@ -263,8 +333,8 @@ class Trainer:
                 for kept, parameter in zip(self._good, self._parameters, strict=True):
                     kept.copy_(parameter)
 
-    def _stop(self, what: str, value: float) -> None:
-        failed = min(self.step + 1, self.config.steps)
+    def _stop(self, what: str, value: float, failed: int | None = None) -> None:
+        failed = self.step + 1 if failed is None else failed
         if self._good is not None:  # the last update led here: it is undone
             with torch.no_grad():
                 for parameter, good in zip(self._parameters, self._good, strict=True):

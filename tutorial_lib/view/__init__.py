@@ -1,6 +1,8 @@
-"""What a person looks at: the player, the u/v explorer, film strips, plots and tables."""
+"""What a person looks at: the player, the u/v explorer, the path canvas, film strips, plots and tables."""
 
 from .explorer import Cell, Explorer, explorer
+from .path_canvas import PathCanvas
+from .path_plot import path_plot
 from .player import Player, show
 from .plots import (
     bar_plot,
@@ -18,6 +20,7 @@ __all__ = [
     "Cell",
     "ErrorTable",
     "Explorer",
+    "PathCanvas",
     "Player",
     "bar_plot",
     "cloud_plot",
@@ -26,6 +29,7 @@ __all__ = [
     "error_table",
     "explorer",
     "motion_change_plot",
+    "path_plot",
     "pose_strip",
     "rest_pose_plot",
     "schedule_plot",

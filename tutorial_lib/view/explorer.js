@@ -1,24 +1,11 @@
-// The explorer of u and v; stands after player.js in one module, whose clamp, onTheme and mount it uses.
+// The explorer of u and v; stands after page.js and player.js in one module and uses what is in them.
 // explore(el, spec, bytes): spec comes from explorer.py; bytes are the cells' player payloads one after another.
 
-const SVG = 'http://www.w3.org/2000/svg';
 const ARROWS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -1, PageUp: 1, Home: -1e6, End: 1e6 };
 
 export function explore(el, spec, bytes) {
   const shadow = el.shadowRoot || el.attachShadow({ mode: 'open' });
   shadow.replaceChildren();
-  const make = (tag, parent, properties) => {
-    const node = Object.assign(document.createElement(tag), properties);
-    parent.append(node);
-    return node;
-  };
-  const draw = (parent, tag, attributes, text = '') => {
-    const node = document.createElementNS(SVG, tag);
-    for (const name in attributes) node.setAttribute(name, attributes[name]);
-    node.textContent = text;
-    parent.append(node);
-    return node;
-  };
   const pair = (u, v) => v ? `u = ${u}, v = ${v}` : 'teacher forcing';
   const cellAt = (u, v) => spec.cells.find(c => c.v === v && (!v || c.u === u));
 
@@ -27,7 +14,7 @@ export function explore(el, spec, bytes) {
   root.style.width = spec.width + 'px';
   make('h4', root, { textContent: spec.title });
   const choice = make('div', root, { className: 'row' }), sliders = make('div', choice, { className: 'sliders' });
-  const map = draw(choice, 'svg', { class: 'map', role: 'img', 'aria-label': 'The trained pairs of u and v' });
+  const map = makeSvg(choice, 'svg', { class: 'map', role: 'img', 'aria-label': 'The trained pairs of u and v' });
   const S = { u: spec.start[0], v: spec.start[1], over: null };
   const inputs = [['u', 'frames of truth in a row', spec.us], ['v', 'own frames in a row', spec.vs]].map(([name, says, values]) => {
     const label = make('label', sliders, {});
@@ -47,10 +34,10 @@ export function explore(el, spec, bytes) {
     };
     return { input, set, show };
   });
-  const schedule = draw(root, 'svg', { class: 'schedule', role: 'img' });
+  const schedule = makeSvg(root, 'svg', { class: 'schedule', role: 'img' });
   const words = make('p', root, { role: 'status' });
   const found = make('div', root, { className: 'row' });
-  const curves = draw(found, 'svg', { class: 'curves', role: 'img', 'aria-label': `${spec.unit}, all pairs` });
+  const curves = makeSvg(found, 'svg', { class: 'curves', role: 'img', 'aria-label': `${spec.unit}, all pairs` });
   const facts = make('dl', found, {});
   const stage = make('div', root, { className: 'stage', hidden: !spec.player });
   const absent = make('p', stage, { className: 'absent' });
@@ -90,16 +77,16 @@ export function explore(el, spec, bytes) {
     map.replaceChildren();
     for (const [name, value] of Object.entries({ viewBox: `0 0 ${W} ${H}`, width: W, height: H })) map.setAttribute(name, value);
     const x = i => left + step * (i + 0.5), y = i => step * (vs.length - i - 0.5) + 2;
-    us.forEach((u, i) => draw(map, 'text', { x: x(i), y: H - 17, 'text-anchor': 'middle', class: u === S.u ? 'on' : '' }, u));
-    vs.forEach((v, i) => draw(map, 'text', { x: left - 4, y: y(i) + 4, 'text-anchor': 'end', class: v === S.v ? 'on' : '' }, v));
-    draw(map, 'text', { x: x((us.length - 1) / 2), y: H - 3, 'text-anchor': 'middle' }, 'u');
-    draw(map, 'text', { x: 4, y: y((vs.length - 1) / 2) + 4 }, 'v');
+    us.forEach((u, i) => makeSvg(map, 'text', { x: x(i), y: H - 17, 'text-anchor': 'middle', class: u === S.u ? 'on' : '' }, u));
+    vs.forEach((v, i) => makeSvg(map, 'text', { x: left - 4, y: y(i) + 4, 'text-anchor': 'end', class: v === S.v ? 'on' : '' }, v));
+    makeSvg(map, 'text', { x: x((us.length - 1) / 2), y: H - 3, 'text-anchor': 'middle' }, 'u');
+    makeSvg(map, 'text', { x: 4, y: y((vs.length - 1) / 2) + 4 }, 'v');
     us.forEach((u, i) => vs.forEach((v, k) => {
-      const cell = cellAt(u, v), spot = draw(map, 'g', { class: `dot${cell ? ' known' : ''}` });
-      if (u === S.u && v === S.v) draw(spot, 'circle', { cx: x(i), cy: y(k), r: 9.5, class: 'chosen' });
-      draw(spot, 'circle', { cx: x(i), cy: y(k), r: cell ? 5 : 2 });
-      draw(spot, 'rect', { x: x(i) - step / 2, y: y(k) - step / 2, width: step, height: step, class: 'touch' });
-      draw(spot, 'title', {}, `${pair(u, v)}${cell ? '' : ' (not trained)'}`);
+      const cell = cellAt(u, v), spot = makeSvg(map, 'g', { class: `dot${cell ? ' known' : ''}` });
+      if (u === S.u && v === S.v) makeSvg(spot, 'circle', { cx: x(i), cy: y(k), r: 9.5, class: 'chosen' });
+      makeSvg(spot, 'circle', { cx: x(i), cy: y(k), r: cell ? 5 : 2 });
+      makeSvg(spot, 'rect', { x: x(i) - step / 2, y: y(k) - step / 2, width: step, height: step, class: 'touch' });
+      makeSvg(spot, 'title', {}, `${pair(u, v)}${cell ? '' : ' (not trained)'}`);
       spot.onclick = () => choose({ u, v });
     }));
   }
@@ -114,8 +101,8 @@ export function explore(el, spec, bytes) {
     const { u, v } = S, period = u + v, pitch = clamp(W / 36, 18, 22), count = Math.floor((W - left - 4) / pitch);
     const half = 0.29 * pitch, [out, net, fed] = [14, 52, 90], at = t => left + pitch * (t + 0.5);
     const own = t => t >= 0 && t % period >= u;
-    for (const [text, y] of [['output', out], ['network', net], ['is fed', fed]]) draw(schedule, 'text', { x: 0, y: y + 4 }, text);
-    const box = (t, y, name, round = 2) => draw(schedule, 'rect', { x: at(t) - half, y: y - half, width: 2 * half, height: 2 * half, rx: round, class: name });
+    for (const [text, y] of [['output', out], ['network', net], ['is fed', fed]]) makeSvg(schedule, 'text', { x: 0, y: y + 4 }, text);
+    const box = (t, y, name, round = 2) => makeSvg(schedule, 'rect', { x: at(t) - half, y: y - half, width: 2 * half, height: 2 * half, rx: round, class: name });
     let wires = '', back = '', heads = '';
     for (let t = 0; t < count; t++) {
       const x = at(t);
@@ -126,28 +113,28 @@ export function explore(el, spec, bytes) {
       back += `M${at(t - 1) + half} ${out}Q${gap} ${out} ${gap} ${out + r + 3}V${fed - r - 3}Q${gap} ${fed} ${x - half - 1} ${fed}`;
       heads += `M${x - half} ${fed}l-4.5 -3v6z`;
     }
-    draw(schedule, 'path', { d: wires, class: 'wire' });
-    draw(schedule, 'path', { d: back, class: 'back' });
+    makeSvg(schedule, 'path', { d: wires, class: 'wire' });
+    makeSvg(schedule, 'path', { d: back, class: 'back' });
     for (let t = 0; t < count; t++) {
       box(t, out, own(t + 1) && t + 1 < count ? 'result fed' : 'result', half);
       box(t, net, 'network');
       box(t, fed, own(t) ? 'own' : 'truth', 1);
     }
-    draw(schedule, 'path', { d: heads, class: 'head' });
+    makeSvg(schedule, 'path', { d: heads, class: 'head' });
     const brace = (from, to, text) => {
       if (to > count || from >= to) return;
       const a = at(from) - half, b = at(to - 1) + half, y = fed + half + 5;
-      draw(schedule, 'path', { d: `M${a} ${y}v5H${b}v-5`, class: 'brace' });
-      draw(schedule, 'text', { x: (a + b) / 2, y: y + 19, 'text-anchor': 'middle' }, text);
+      makeSvg(schedule, 'path', { d: `M${a} ${y}v5H${b}v-5`, class: 'brace' });
+      makeSvg(schedule, 'text', { x: (a + b) / 2, y: y + 19, 'text-anchor': 'middle' }, text);
     };
     if (v) {
       brace(0, u, u > 2 ? `u = ${u}` : 'u');
       brace(u, period, v > 2 ? `v = ${v}` : 'v');
     }
-    const legend = draw(schedule, 'g', { 'text-anchor': 'end' });
+    const legend = makeSvg(schedule, 'g', { 'text-anchor': 'end' });
     const entry = (name, x, text) => {
-      draw(legend, 'rect', { x: x - 11, y: H - 14, width: 10, height: 10, rx: 1, class: name });
-      draw(legend, 'text', { x: x - 16, y: H - 5 }, text);
+      makeSvg(legend, 'rect', { x: x - 11, y: H - 14, width: 10, height: 10, rx: 1, class: name });
+      makeSvg(legend, 'text', { x: x - 16, y: H - 5 }, text);
     };
     entry('own', W - 2, 'own last output');
     entry('truth', W - 122, 'truth');
@@ -170,16 +157,16 @@ export function explore(el, spec, bytes) {
     curves.setAttribute('height', H);
     const X = frame => left + (right - left) * frame / spec.frames, Y = value => low - (low - high) * value / spec.top;
     plot = { X, Y, left, right, low, high };
-    draw(curves, 'text', { x: 0, y: 12 }, spec.unit);
+    makeSvg(curves, 'text', { x: 0, y: 12 }, spec.unit);
     for (const value of ticksOf(spec.top, 4)) {
-      draw(curves, 'path', { d: `M${left} ${Y(value)}H${right}`, class: 'grid' });
-      draw(curves, 'text', { x: left - 6, y: Y(value) + 4, 'text-anchor': 'end' }, value);
+      makeSvg(curves, 'path', { d: `M${left} ${Y(value)}H${right}`, class: 'grid' });
+      makeSvg(curves, 'text', { x: left - 6, y: Y(value) + 4, 'text-anchor': 'end' }, value);
     }
     for (const frame of ticksOf(spec.frames, W / 80)) {
-      draw(curves, 'text', { x: X(frame), y: low + 15, 'text-anchor': frame / spec.frames > 0.97 ? 'end' : 'middle' }, frame);
+      makeSvg(curves, 'text', { x: X(frame), y: low + 15, 'text-anchor': frame / spec.frames > 0.97 ? 'end' : 'middle' }, frame);
     }
-    draw(curves, 'text', { x: (left + right) / 2, y: H - 4, 'text-anchor': 'middle' }, `frames after the seed, ${spec.fps} a second`);
-    const clip = draw(curves, 'svg', { x: left, y: high - 6, width: right - left, height: low - high + 8,
+    makeSvg(curves, 'text', { x: (left + right) / 2, y: H - 4, 'text-anchor': 'middle' }, `frames after the seed, ${spec.fps} a second`);
+    const clip = makeSvg(curves, 'svg', { x: left, y: high - 6, width: right - left, height: low - high + 8,
       viewBox: `${left} ${high - 6} ${right - left} ${low - high + 8}`, preserveAspectRatio: 'none' });
     const line = cell => {
       let d = '', pen = 'M';
@@ -191,19 +178,19 @@ export function explore(el, spec, bytes) {
       return d;
     };
     const mine = api.cell;
-    for (const cell of spec.cells) if (cell !== mine) draw(clip, 'path', { d: line(cell), class: cell === S.over ? 'curve over' : 'curve' });
+    for (const cell of spec.cells) if (cell !== mine) makeSvg(clip, 'path', { d: line(cell), class: cell === S.over ? 'curve over' : 'curve' });
     if (spec.truth !== null) {
-      draw(clip, 'path', { d: `M${left} ${Y(spec.truth)}H${right}`, class: 'true' });
-      draw(curves, 'text', { x: right, y: Y(spec.truth) - 5, 'text-anchor': 'end', class: 'halo' }, 'true motion');
+      makeSvg(clip, 'path', { d: `M${left} ${Y(spec.truth)}H${right}`, class: 'true' });
+      makeSvg(curves, 'text', { x: right, y: Y(spec.truth) - 5, 'text-anchor': 'end', class: 'halo' }, 'true motion');
     }
-    if (mine) draw(clip, 'path', { d: line(mine), class: 'curve mine' });
-    const head = draw(clip, 'path', { d: '', class: 'playhead' });
+    if (mine) makeSvg(clip, 'path', { d: line(mine), class: 'curve mine' });
+    const head = makeSvg(clip, 'path', { d: '', class: 'playhead' });
     Object.assign(plot, { head });
     const name = (cell, kind) => {
       const at = Math.floor(cell.curve.length * 0.55), value = cell.curve.slice(at).find(x => x !== null);
       if (value === undefined) return;
       const y = clamp(Y(value * spec.top / 1000) - 7, high + 6, low - 6);
-      draw(curves, 'text', { x: X(spec.first + at * spec.every), y, 'text-anchor': 'middle', class: `halo ${kind}` }, pair(cell.u, cell.v));
+      makeSvg(curves, 'text', { x: X(spec.first + at * spec.every), y, 'text-anchor': 'middle', class: `halo ${kind}` }, pair(cell.u, cell.v));
     };
     if (S.over && S.over !== mine) name(S.over, 'over');
     if (mine) name(mine, 'mine');

@@ -169,7 +169,7 @@ class Explorer(PageOutput):
     def html(self) -> str:
         """Self-contained HTML: an element and the script that fills every copy of it on the page."""
         return filled_element(
-            "explorer", "explore", self.spec, self.payload, scripts=["player.js", "explorer.js"], hint=_HINT
+            "explorer", "explore", self.spec, self.payload, scripts=["page.js", "player.js", "explorer.js"], hint=_HINT
         )
 
     @functools.cached_property

@@ -1,15 +1,7 @@
-// Skeleton player on a 2D canvas; an ES module. mount(el, spec, bytes) returns its controls.
+// Skeleton player on a 2D canvas; stands after page.js in one module. mount(el, spec, bytes) returns its controls.
 // spec comes from player.py; bytes are the motions' payloads one after another, see codec.py.
 
 const NEAR = 0.05; // metres before the eye
-const clamp = (x, low, high) => Math.max(low, Math.min(high, x));
-
-export function fromBase64(text) {
-  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
-  const raw = atob(text), bytes = new Uint8Array(raw.length);
-  for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
-  return bytes;
-}
 
 async function decode(bytes, parents, frames, step) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('deflate'));
@@ -33,26 +25,9 @@ async function decode(bytes, parents, frames, step) {
   return out;
 }
 
-export function onTheme(tell) { // tell(dark) now and at each change: the notebook's, else the system's
-  const system = matchMedia('(prefers-color-scheme: dark)'), notebook = new MutationObserver(look);
-  function look() {
-    const { jpThemeLight: light, vscodeThemeKind: kind } = document.body.dataset;
-    tell(light ? light === 'false' : kind ? !/light/.test(kind) : system.matches);
-  }
-  notebook.observe(document.body, { attributeFilter: ['data-jp-theme-light', 'data-vscode-theme-kind'] });
-  system.onchange = look;
-  look();
-  return () => { notebook.disconnect(); system.onchange = null; };
-}
-
 export function mount(el, spec, bytes) {
   const shadow = el.shadowRoot || el.attachShadow({ mode: 'open' });
   shadow.replaceChildren();
-  const make = (tag, parent, properties) => {
-    const node = Object.assign(document.createElement(tag), properties);
-    parent.append(node);
-    return node;
-  };
   const last = spec.frames - 1, duration = last / spec.fps, several = spec.characters.length > 1;
   make('style', shadow, { textContent: spec.style });
   const root = make('div', shadow, { className: 'player', tabIndex: 0, role: 'group',

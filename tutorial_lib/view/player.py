@@ -196,7 +196,7 @@ class Player(PageOutput):
     @functools.cached_property
     def html(self) -> str:
         """Self-contained HTML: an element and the script that fills every copy of it on the page."""
-        return filled_element("player", "mount", self.spec, self.payload, scripts=["player.js"], hint=_HINT)
+        return filled_element("player", "mount", self.spec, self.payload, scripts=["page.js", "player.js"], hint=_HINT)
 
     @property
     def alt(self) -> str:

@@ -25,9 +25,10 @@ from scipy.interpolate import CubicSpline
 
 from ...errors import MotionError
 from ...motion.clip import Motion
+from ...motion.ground import SIDEWAYS_LIMIT, TURNING_LIMIT, GroundPath, braked, check_path
 from . import body
 from .body import LEG, Body, Foot, Pose, hanging_arm, rot_x, rot_y, rot_z, within
-from .path import GroundPath, check_path, random_path
+from .path import random_path
 from .signals import bump, ease, noise, smooth
 
 SPEEDS = (0.6, 4.0)
@@ -259,8 +260,8 @@ def _progress(rng, way, stride, t, margin, fps):
     far = 1.15 * speed
     grid = np.arange(far * t[0] - 1.0, far * t[-1] + 1.0, 0.02)
     turn = np.maximum(np.abs(way.curvature(grid)), 1e-6)
-    limit = np.maximum(np.minimum(np.sqrt(3.0 / turn), 2.6 / turn), 0.12)
-    allowed = np.minimum(speed, smooth(_braked(limit, grid), 0.1, 1 / 0.02))
+    limit = np.maximum(np.minimum(np.sqrt(SIDEWAYS_LIMIT / turn), TURNING_LIMIT / turn), 0.12)
+    allowed = np.minimum(speed, smooth(braked(np.minimum(limit, 2 * SPEEDS[1]), grid), 0.1, 1 / 0.02))
     clock = np.concatenate([[0.0], np.cumsum(0.02 / allowed[:-1])])
     clock -= np.interp(0.0, grid, clock)
     # the person's own clock runs a little unevenly
@@ -273,14 +274,6 @@ def _progress(rng, way, stride, t, margin, fps):
     rate = rate * (1.0 + noise(rng, t, 0.015, 0.1, 0.8))
     phase = np.cumsum(rate) * dt
     return s, phase - phase[margin] + rng.random(), v
-
-
-def _braked(limit, s, brake=2.0):
-    """The speeds (N,) at the places ``s`` that keep the limits with at most ``brake`` m/s2 before and after."""
-    square = np.minimum(limit, 2 * SPEEDS[1]) ** 2
-    after = np.minimum.accumulate(square - 2 * brake * s) + 2 * brake * s
-    before = np.minimum.accumulate((square + 2 * brake * s)[::-1])[::-1] - 2 * brake * s
-    return np.sqrt(np.minimum(after, before))
 
 
 def _feet(rng, way, stride, wide, s, phase, sign, t):

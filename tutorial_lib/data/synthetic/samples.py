@@ -11,23 +11,13 @@ import numpy as np
 
 from ...motion.bvh import write_bvh
 from ...motion.clip import Motion
+from ...motion.ground import circle, figure_of_eight
 from .boxing import boxing
 from .dancing import dancing
 from .gait import running, walking
 
 FPS = 30.0
 DECIMALS = 2  # of centimetres and degrees: a tenth of a millimetre, a few tenths at the finger tips
-
-
-def _arc(radius: float, turns: float) -> np.ndarray:
-    """A circle's part (N, 2) from the origin along +z, to the left for a positive radius."""
-    a = np.linspace(0.0, 2 * np.pi * turns, 200)
-    return np.stack([radius * (1 - np.cos(a)), abs(radius) * np.sin(a)], -1)
-
-
-def _eight(size: float) -> np.ndarray:
-    a = np.linspace(0.0, 2 * np.pi, 300)
-    return np.stack([size * np.sin(2 * a) / 2, size * np.sin(a)], -1)
 
 
 def _weave(length: float, width: float, wave: float) -> np.ndarray:
@@ -46,12 +36,12 @@ def sample_clips() -> dict[str, list[Callable[[], Motion]]]:
 
     return {
         "walking": [
-            walk(1.3, None, 1), walk(1.0, _arc(2.2, 1.0), 2), walk(1.5, _arc(-3.0, 1.0), 3),
-            walk(1.2, _eight(2.6), 4), walk(1.7, _weave(28.0, 0.9, 8.0), 5),
+            walk(1.3, None, 1), walk(1.0, circle(2.2, 1.0), 2), walk(1.5, circle(-3.0, 1.0), 3),
+            walk(1.2, figure_of_eight(2.6), 4), walk(1.7, _weave(28.0, 0.9, 8.0), 5),
         ],
         "running": [
-            run(3.0, None, 1), run(2.4, _arc(5.0, 1.0), 2), run(3.4, _arc(-7.0, 1.0), 3),
-            run(2.7, _eight(7.0), 4), run(3.8, _weave(60.0, 1.6, 18.0), 5),
+            run(3.0, None, 1), run(2.4, circle(5.0, 1.0), 2), run(3.4, circle(-7.0, 1.0), 3),
+            run(2.7, figure_of_eight(7.0), 4), run(3.8, _weave(60.0, 1.6, 18.0), 5),
         ],
         "boxing": [lambda seed=seed: boxing(20.0, fps=FPS, seed=seed) for seed in range(1, 6)],
         "dancing": [

@@ -1,0 +1,60 @@
+"""Where a ``reproduce`` command finds its clips: in a folder that was named, or where the catalogue does."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pathlib
+from collections.abc import Iterator, Sequence
+
+from .. import data
+from ..data.catalog import DATA, data_folder
+from ..errors import DataError
+
+
+@contextlib.contextmanager
+def data_from(folder: str | None) -> Iterator[None]:
+    """Inside the block, also for processes begun there, data sets are looked for in ``folder`` first."""
+    if folder is None:
+        yield
+        return
+    before = os.environ.get(DATA)
+    os.environ[DATA] = str(pathlib.Path(folder).expanduser().absolute())
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[DATA]
+        else:
+            os.environ[DATA] = before
+
+
+def check_data(names: Sequence[str], *, of_folder: bool, hint: str) -> None:
+    """One error for all data sets that are missing, before anything is computed; ``hint``: what else can be asked for.
+
+    A folder that was named must have them all; else what is missing is downloaded, as ever.
+    """
+    missing = []
+    places = {row.name: (row.at_hand, row.path) for row in data.listing()}
+    for name in names:
+        at_hand, path = places[name]
+        if of_folder and at_hand != DATA:
+            missing.append(name)
+        elif at_hand in ("empty folder", "missing"):
+            missing.append(f"{name} ({at_hand}: {path})")
+        elif at_hand == "to download":
+            try:
+                data.fetch(name)
+            except DataError as error:
+                missing.append(f"{name} ({getattr(error, 'reason', '') or error})")
+    if missing:
+        where = f" in {data_folder()}" if of_folder else ""
+        raise DataError(
+            f"not at hand{where}: {'; '.join(missing)}; expected motion files for all of {', '.join(names)} ({hint})"
+        )
+
+
+def at_hand(name: str) -> bool:
+    """Whether a data set's files are on this machine."""
+    return any(row.name == name and row.at_hand not in ("empty folder", "missing", "to download")
+               for row in data.listing())  # fmt: skip
