@@ -519,8 +519,30 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="of the VAE-LSTM (default 400); the baselines, whose steps are cheaper, have two to four times as many",
     )
-    for paper in (acrnn, vae):
-        _add_reproduce(paper)
+
+    future = papers.add_parser(
+        "dynamic-future-net",
+        help="diversified motion: figures 6 to 9, stability, changes of action, limited data, ablations",
+        description="Train the Dynamic Future Net on four kinds of motion, together and each alone, with less data and "
+        "with parts cut out, as far as they are missing, and measure how stable and how different its motions are. "
+        "Can be stopped at any moment; called again, it goes on.",
+        epilog=f"example: {PROGRAM} reproduce dynamic-future-net --data DIR --runs runs/dfn --jobs 2",
+    )
+    future.set_defaults(run=_reproduce_dynamic_future_net)
+    _add_places(
+        future,
+        "dynamic-future-net",
+        "folder with cmu/walking, cmu/running, cmu/martial and cmu/indian, or: samples (default: where data list finds "
+        "the clips, else the samples)",
+    )
+    future.add_argument(
+        "--steps",
+        type=_whole(3, MOST["steps"]),
+        metavar="N",
+        help="of a network of one action (default 800); one of all four has twice as many",
+    )
+    for paper in (acrnn, vae, future):
+        _add_reproduce(paper, tunes=paper is not future)
 
     benchmark = add(
         "benchmark",
@@ -566,8 +588,8 @@ def _add_places(paper: argparse.ArgumentParser, name: str, data: str) -> None:
     paper.add_argument("--out", metavar="FOLDER", help=result)
 
 
-def _add_reproduce(paper: argparse.ArgumentParser) -> None:
-    """What every paper's command has."""
+def _add_reproduce(paper: argparse.ArgumentParser, tunes: bool = True) -> None:
+    """What every paper's command has; with ``tunes`` also seeds of training and the choice of learning rates."""
     paper.add_argument(
         "--jobs",
         type=_whole(1, MOST["threads"]),
@@ -575,10 +597,11 @@ def _add_reproduce(paper: argparse.ArgumentParser) -> None:
         metavar="N",
         help="runs trained side by side, each with one thread (default 2)",
     )
-    paper.add_argument(
-        "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
-    )
-    paper.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
+    if tunes:
+        paper.add_argument(
+            "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
+        )
+        paper.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
     paper.add_argument("--no-train", action="store_true", help="measure the runs that are finished, and train none")
     paper.add_argument("--quick", action="store_true", help="a trial with tiny networks and few steps")
 
@@ -1048,6 +1071,22 @@ def _reproduce_vae_lstm(options: argparse.Namespace, _: Sequence[str]) -> None:
         jobs=options.jobs,
         seeds=options.seeds,
         tuning=options.tune,
+        train_missing=not options.no_train,
+        quick=options.quick,
+        budget={} if options.steps is None else {"steps": options.steps},
+        tell=_tell,
+    )
+
+
+def _reproduce_dynamic_future_net(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.dynamic_future_net import reproduce
+
+    _check_reproduce(options)
+    reproduce(
+        options.data,
+        runs=options.runs,
+        out=options.out,
+        jobs=options.jobs,
         train_missing=not options.no_train,
         quick=options.quick,
         budget={} if options.steps is None else {"steps": options.steps},
