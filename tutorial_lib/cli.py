@@ -508,8 +508,26 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="of the VAE-LSTM (default 400); the baselines, whose steps are cheaper, have two to four times as many",
     )
+    every = papers.add_parser(
+        "side-by-side",
+        help="every system on the same clips, split and skeleton, in one table",
+        description="Train every system of the library on the same clips for about the same time, as far as they are "
+        "missing, measure all alike, and print one table. Can be stopped at any moment; called again, it goes on.",
+        epilog=f"example: {PROGRAM} reproduce side-by-side --data DIR --runs runs/side-by-side --jobs 2",
+    )
+    every.set_defaults(run=_reproduce_side_by_side)
+    _add_places(
+        every,
+        "side-by-side",
+        "folder with cmu/walking, or: samples (default: where data list finds the clips, else the samples)",
+        "side_by_side.json",
+    )
+    for size, what in (("steps", "of LSTM-3LR; the others have as many as take as long"), ("hidden", "cells a layer")):
+        every.add_argument(f"--{size}", type=_whole(10 if size == "steps" else 1, MOST[size]), metavar="N", help=what)
     for paper in (acrnn, vae):
         _add_reproduce(paper)
+        paper.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
+    _add_reproduce(every)
 
     benchmark = add(
         "benchmark",
@@ -546,10 +564,11 @@ def _add_weights(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_places(paper: argparse.ArgumentParser, name: str, data: str) -> None:
-    """Where a paper's command reads from and writes to; ``data``: the help of its --data."""
+def _add_places(paper: argparse.ArgumentParser, name: str, data: str, written: str = "") -> None:
+    """Where a paper's command reads from and writes to; ``data``: the help of its --data; ``written``: what it writes."""
     runs = f"for the checkpoints (default runs/{name}, of samples runs/{name}-samples)"
-    result = f"for {name.replace('-', '_')}.json and the figures (default: that of the runs)"
+    written = written or f"{name.replace('-', '_')}.json and the figures"
+    result = f"for {written} (default: that of the runs)"
     paper.add_argument("--data", metavar="DIR", help=data)
     paper.add_argument("--runs", metavar="FOLDER", help=runs)
     paper.add_argument("--out", metavar="FOLDER", help=result)
@@ -567,7 +586,6 @@ def _add_reproduce(paper: argparse.ArgumentParser) -> None:
     paper.add_argument(
         "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
     )
-    paper.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
     paper.add_argument("--no-train", action="store_true", help="measure the runs that are finished, and train none")
     paper.add_argument("--quick", action="store_true", help="a trial with tiny networks and few steps")
 
@@ -1027,6 +1045,24 @@ def _reproduce_vae_lstm(options: argparse.Namespace, _: Sequence[str]) -> None:
         train_missing=not options.no_train,
         quick=options.quick,
         budget={} if options.steps is None else {"steps": options.steps},
+        tell=_tell,
+    )
+
+
+def _reproduce_side_by_side(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.side_by_side import reproduce
+
+    _check_reproduce(options)
+    sizes = {name: getattr(options, name) for name in ("steps", "hidden")}
+    reproduce(
+        options.data,
+        runs=options.runs,
+        out=options.out,
+        jobs=options.jobs,
+        seeds=options.seeds,
+        train_missing=not options.no_train,
+        quick=options.quick,
+        budget={name: value for name, value in sizes.items() if value is not None},
         tell=_tell,
     )
 
