@@ -29,6 +29,7 @@ from .recipes import DEFAULTS, JOINTS, NORMALIZE, Recipe
 if TYPE_CHECKING:
     from .motion.clip import Motion
     from .training.checkpoints import Checkpoint
+    from .training.trainer import Trainer
 
 PROGRAM = "python -m tutorial_lib"
 
@@ -62,6 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = _parser().parse_args(arguments)
         with warnings.catch_warnings():
             warnings.showwarning = _note
+            _check_launcher(options)
             return options.run(options, arguments) or 0
     except BrokenPipeError:  # the reader of a pipe has seen enough
         with contextlib.suppress(OSError):
@@ -84,6 +86,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         return 130
+
+
+def _check_launcher(options: argparse.Namespace) -> None:
+    """Several processes of any other command would write the same files."""
+    if options.run is not _train and int(os.environ.get("WORLD_SIZE", 1)) > 1 and "TORCHELASTIC_RUN_ID" in os.environ:
+        raise TutorialError("only train runs on the processes of torchrun; start this command without it")
 
 
 def _print_error(error: Exception) -> None:
@@ -247,6 +255,9 @@ def _parser() -> argparse.ArgumentParser:
         "--join",
         "training clips follow one another without end, blended over so many seconds; 0: each ends where it ends",
         type=_number(0, True, most=10),
+    )
+    group.add_argument(
+        "--mirror", action="store_true", help="learn also from every clip's mirror image, left and right exchanged"
     )
     group = train.add_argument_group("network")
     setting(group, "--hidden", "cells a layer; the paper has 1024", type=_whole(1, MOST["hidden"]))
@@ -752,12 +763,21 @@ def _data_where(options: argparse.Namespace, _: Sequence[str]) -> None:
 
 def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
     _use_threads(options)
+    from .training.parallel import joined
+
+    with joined() as workers:  # with the other processes, if torchrun has started some
+        trainer = workers.together(lambda: _trainer(options, arguments, workers.device(options.device)))
+        return 0 if trainer is None else _run(trainer)
+
+
+def _trainer(options: argparse.Namespace, arguments: Sequence[str], device: str) -> Trainer | None:
+    """The trainer that is asked for; ``None`` if its run is finished already."""
     from .recipes import sets_of, trainer_for
     from .training.systems import system_kind
     from .training.trainer import usable_device
 
     kind = system_kind(options.system)
-    usable_device(options.device)
+    usable_device(device)
     out = pathlib.Path(options.out)
     given = {field.name: getattr(options, field.name) for field in dataclasses.fields(Recipe)
              if hasattr(options, field.name)}  # fmt: skip
@@ -769,13 +789,13 @@ def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
     resuming = options.resume and out.exists()
     recipe = _recipe_there(out, {**given, **own}) if resuming else Recipe(**given, options=own)
     if recipe is None:
-        return 0
+        return None
     if out.exists() and not resuming:
         _check_replaceable(out)
 
     sets = sets_of(recipe)
     trainer = trainer_for(
-        recipe, out, device=options.device, save_seconds=options.save_seconds, resume=options.resume, sets=sets,
+        recipe, out, device=device, save_seconds=options.save_seconds, resume=options.resume, sets=sets,
         command=f"{PROGRAM} {shlex.join(arguments)}",
     )  # fmt: skip
     train, test = [m for part, _ in sets for m in part], [m for _, part in sets for m in part]
@@ -784,18 +804,22 @@ def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
         f"{' + '.join(recipe.data)}: {len(train)} clips to train on ({sum(m.duration for m in train):.0f} s), "
         f"{len(test)} kept out; {features.name}, {features.dim} numbers a frame"
     )
+    return trainer
+
+
+def _run(trainer: Trainer) -> int:
+    out, steps = trainer.path, trainer.config.steps
     if trainer.step:
         print(f"{out}: going on after step {trainer.step}")
     trainer.run()
     if not trainer.finished:
-        print(
-            f"stopped after {trainer.step} of {recipe.steps} steps, saved in {out}; --resume goes on", file=sys.stderr
-        )
+        print(f"stopped after {trainer.step} of {steps} steps, saved in {out}; --resume goes on", file=sys.stderr)
         return 130
-    print(
-        f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB): {trainer.step} steps in {trainer.seconds:.0f} s, "
-        f"loss {trainer.loss:.4g}"
-    )
+    if trainer.path.exists():  # of several processes the first one writes, perhaps on another machine
+        print(
+            f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB): {trainer.step} steps in {trainer.seconds:.0f} s, "
+            f"loss {trainer.loss:.4g}"
+        )
     return 0
 
 
