@@ -1,6 +1,8 @@
-"""What a person looks at: the player, the u/v explorer, the path canvas, film strips, plots and tables."""
+"""What a person looks at: player, u/v explorer, path canvas, fan of futures, film strips, plots and tables."""
 
 from .explorer import Cell, Explorer, explorer
+from .fan import Fan
+from .fan_strip import fan_strip
 from .path_canvas import PathCanvas
 from .path_plot import path_plot
 from .player import Player, show
@@ -20,6 +22,7 @@ __all__ = [
     "Cell",
     "ErrorTable",
     "Explorer",
+    "Fan",
     "PathCanvas",
     "Player",
     "bar_plot",
@@ -28,6 +31,7 @@ __all__ = [
     "distance_plot",
     "error_table",
     "explorer",
+    "fan_strip",
     "motion_change_plot",
     "path_plot",
     "pose_strip",
