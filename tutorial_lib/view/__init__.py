@@ -3,6 +3,8 @@
 from .explorer import Cell, Explorer, explorer
 from .fan import Fan
 from .fan_strip import fan_strip
+from .graph_plot import graph_plot
+from .latent_plot import band_plot, latent_path_plot
 from .path_canvas import PathCanvas
 from .path_plot import path_plot
 from .player import Player, show
@@ -25,6 +27,7 @@ __all__ = [
     "Fan",
     "PathCanvas",
     "Player",
+    "band_plot",
     "bar_plot",
     "cloud_plot",
     "curve_plot",
@@ -32,6 +35,8 @@ __all__ = [
     "error_table",
     "explorer",
     "fan_strip",
+    "graph_plot",
+    "latent_path_plot",
     "motion_change_plot",
     "path_plot",
     "pose_strip",
