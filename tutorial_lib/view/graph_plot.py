@@ -29,8 +29,8 @@ def graph_plot(
     """Graphs side by side, ``{title: {node: its parents}}``: an arrow from each parent.
 
     places: ``{node: (x, y)}`` of all nodes, y upwards, neighbours about 1 apart. drawn: nodes that are drawn by chance,
-    circles; the others, which follow from their parents, are squares. known: ``{title: nodes}`` that are given there, in
-    grey. labels: what is written in a node (also as TeX, ``"$f_t$"``) where that is not its name.
+    circles; the others, which follow from their parents, are squares. known: ``{title: nodes}`` that are given there,
+    in grey. labels: what is written in a node (also as TeX, ``"$f_t$"``) where that is not its name.
     Raises ``TutorialError`` for no graph, and for a node without a place.
     """
     if not panels:

@@ -32,8 +32,8 @@ def latent_path_plot(
     title: str = "",
     panel: float = 3.1,
 ) -> NotebookFigure:
-    """Paths of codes ``{label: (T, C)}`` as curves coloured by time, a panel each, in the two directions in which all of
-    them (or ``cloud``, ``(N, C)``, drawn faint behind them) differ most. A circle where each begins, a dot a second.
+    """Paths of codes ``{label: (T, C)}`` as curves coloured by time, a panel each, in the two directions in which all
+    of them (or ``cloud``, ``(N, C)``, drawn faint behind them) differ most. A circle where each begins, a dot a second.
 
     panel: inches of a panel's side. Raises ``TutorialError`` for no paths.
     """
