@@ -4,38 +4,104 @@ from __future__ import annotations
 
 from exercises import Wrong
 
-WRONG: dict[str, list[Wrong]] = {
-    "ps1": [
-        Wrong("the knee bends forwards", "knee", "60.0", "-60.0", ("test-knee",)),
-        Wrong("radians instead of degrees", "knee", "60.0", "np.pi / 3", ("test-knee",)),
-        Wrong("a transposed rotation", "bone", "W_p @ t_j", "W_p.T @ t_j", ("test-bone",)),
-        Wrong("the parent's place is turned, too", "bone", "x_p + W_p @ t_j", "W_p @ (x_p + t_j)", ("test-bone",)),
-        Wrong("turned by the joint's own rotation", "chain", "x[p] + W[p] @", "x[p] + W[j] @", ("test-chain",)),
-        Wrong("parent and child in the wrong order", "chain", "W[p] @ R[j]", "R[j] @ W[p]", ("test-chain",)),
-        Wrong("a step is the way back", "root", "r[1:] - r[:-1]", "r[:-1] - r[1:]", ("test-displacements",)),
-        Wrong("the walk begins one step later", "root", "start + np.concatenate([np.zeros((1, 3)), np.cumsum(d, axis=0)])",
-              "start + np.cumsum(d, axis=0)", ("test-places",)),
-        Wrong("who is farthest from its place is guilty", "order", "return min(errors, key=errors.get)",
-              "worst = np.abs(skeleton.fk(rotations, root) - measured).max((0, 2)).argmax()\n"
-              "    return skeleton.names[worst], 'YXZ'", ("test-order",)),
-        Wrong("the visible culprit, whoever it is", "order", "return min(errors, key=errors.get)",
-              "return 'LeftArm', 'YXZ'", ("test-order",)),
-        Wrong("turned the other way", "turn", "turned = np.stack(", "angle = -angle; turned = np.stack(", ("test-turn",)),
-    ],
-}  # fmt: skip
+PS1 = [
+    Wrong("the knee bends forwards", "knee", "60.0", "-60.0", ("test-knee",)),
+    Wrong("radians instead of degrees", "knee", "60.0", "np.pi / 3", ("test-knee",)),
+    Wrong("a transposed rotation", "bone", "W_p @ t_j", "W_p.T @ t_j", ("test-bone",)),
+    Wrong("the parent's place is turned, too", "bone", "x_p + W_p @ t_j", "W_p @ (x_p + t_j)", ("test-bone",)),
+    Wrong("turned by the joint's own rotation", "chain", "x[p] + W[p] @", "x[p] + W[j] @", ("test-chain",)),
+    Wrong("parent and child in the wrong order", "chain", "W[p] @ R[j]", "R[j] @ W[p]", ("test-chain",)),
+    Wrong("a step is the way back", "root", "r[1:] - r[:-1]", "r[:-1] - r[1:]", ("test-displacements",)),
+    Wrong("the walk does not begin at its start", "root", "start + np.con", "np.con", ("test-places",)),
+    Wrong(
+        "who is farthest from its place is guilty",
+        "order",
+        "return min(errors, key=errors.get)",
+        "return skeleton.names[np.abs(skeleton.fk(rotations, root) - measured).max((0, 2)).argmax()], 'YXZ'",
+        ("test-order",),
+    ),
+    Wrong(
+        "the visible culprit, whoever it is",
+        "order",
+        "return min(errors, key=errors.get)",
+        "return 'LeftArm', 'YXZ'",
+        ("test-order",),
+    ),
+    Wrong("turned the other way", "turn", "x, y, z =", "angle = -angle; x, y, z =", ("test-turn",)),
+    Wrong(
+        "the coordinates of a joint mixed up",
+        "turn",
+        "(len(features), -1, 3), -1",
+        "(len(features), 3, -1), 1",
+        ("test-turn",),
+    ),
+]
+
+PS2 = [
+    Wrong("all layers counted as if they read the frame", "size", "136", "128", ("test-size",)),
+    Wrong("one step too large", "size", "136", "144", ("test-size",)),
+    Wrong(
+        "the sum of squares, without the root",
+        "change",
+        "np.linalg.norm(x[:, 1:] - x[:, :-1], axis=-1)",
+        "((x[:, 1:] - x[:, :-1]) ** 2).sum(-1)",
+        ("test-change",),
+    ),
+    Wrong(
+        "the mean over the steps instead of the sequences", "change", "mean(axis=0)", "mean(axis=1)", ("test-change",)
+    ),
+    Wrong("a single step instead of a window", "rule", "np.mean(change[t:t + window])", "change[t]", ("test-rule",)),
+    Wrong("the last window forgotten", "rule", "- window + 1", "- window", ("test-rule",)),
+    Wrong("compared with the frame that was read", "forcing", "x[:, t + 1]", "x[:, t]", ("test-forcing",)),
+    Wrong(
+        "fed its own output",
+        "forcing",
+        "model(x[:, t:t + 1], state)",
+        "model(x[:, :1] if t == 0 else y, state)",
+        ("test-forcing",),
+    ),
+    Wrong(
+        "the memory is forgotten at every step",
+        "generate",
+        "frame, state = model(frame, state)",
+        "frame, _ = model(frame)",
+        ("test-generate",),
+    ),
+    Wrong("the last seed frame as the first new one", "generate", "y[:, -1:]", "seed[:, -1:]", ("test-generate",)),
+    Wrong("the first frames of the seed", "idea", "-seed_frames:]", ":seed_frames]", ("test-idea",)),
+    Wrong("a conclusion without a look", "idea", "bool(gain >= 0.5)", "True", ("test-verdict",)),
+]
+
+WRONG: dict[str, list[Wrong]] = {"ps1": PS1, "ps2": PS2}
 
 # One submission that does what must not stop the grading of the rest: answer cells, and the tests they cost.
 BAD: dict[str, tuple[str, str]] = {
     "bone": (
         "loops forever, and cannot be interrupted",
-        "def child_position(x_p, W_p, t_j):\n    while True:\n        try:\n            while True:\n                pass\n"
-        "        except BaseException:\n            pass",
+        """
+def child_position(x_p, W_p, t_j):
+    while True:
+        try:
+            while True:
+                pass
+        except BaseException:
+            pass
+""",
     ),
     "chain": ("raises", "raise RuntimeError('no idea')"),
     "root": (
-        "prints megabytes, and is right",
-        "def displacements(r):\n    for _ in range(30):\n        print('x' * 1_000_000)\n    return r[1:] - r[:-1]\n\n\n"
-        "def places(start, d):\n    return np.concatenate([start[None], start + np.cumsum(d, axis=0)])",
+        "prints megabytes and a warning, and is right",
+        """
+def displacements(r):
+    for _ in range(30):
+        print("x" * 1_000_000)
+    __import__("warnings").warn("this is only a warning")
+    return r[1:] - r[:-1]
+
+
+def places(start, d):
+    return np.concatenate([start[None], start + np.cumsum(d, axis=0)])
+""",
     ),
     "order": (
         "deletes the names that the test needs",
