@@ -72,7 +72,89 @@ PS2 = [
     Wrong("a conclusion without a look", "idea", "bool(gain >= 0.5)", "True", ("test-verdict",)),
 ]
 
-WRONG: dict[str, list[Wrong]] = {"ps1": PS1, "ps2": PS2}
+PS3 = [
+    Wrong("u and v exchanged", "u", "= 4", "= 16", ("test-u",)),
+    Wrong("half of the frames", "u", "= 4", "= 8", ("test-u",)),
+    Wrong("its own output first", "masks", "% (u + v) < u", "% (u + v) >= v", ("test-masks",)),
+    Wrong(
+        "one coin for a whole sequence",
+        "masks",
+        "torch.rand(batch, T, generator=rng) < probability",
+        "(torch.rand(batch, 1, generator=rng) < probability).repeat(1, T)",
+        ("test-masks",),
+    ),
+    Wrong("teacher forcing in disguise", "loop", "if mask[t] else y", "", ("test-loop", "test-gradient")),
+    Wrong("the gradient is cut", "loop", "else y", "else y.detach()", ("test-gradient",)),
+    Wrong("the mask upside down", "loop", "if mask[t]", "if t == 0 or not mask[t]", ("test-loop", "test-gradient")),
+    Wrong("grows without an end", "growing", "min(step // every, longest)", "step // every", ("test-growing",)),
+    Wrong("begins at one", "growing", "min(step // every,", "min(step // every + 1,", ("test-growing",)),
+    Wrong("noise and own output at once", "plan", '("auto 5 5", 0)]', '("auto 5 5", 3)]', ("test-plan",)),
+    Wrong("one seed", "plan", "range(3)", "range(1)", ("test-plan",)),
+    Wrong(
+        "measured on what it was trained on", "plan", '"measured_on": "test"', '"measured_on": "train"', ("test-plan",)
+    ),
+    Wrong(
+        "not paired",
+        "read",
+        "d.std(ddof=1) / len(d) ** 0.5",
+        "((np.var(a, ddof=1) + np.var(b, ddof=1)) / len(d)) ** 0.5",
+        ("test-read", "test-worse"),
+    ),
+    Wrong("every larger mean counts", "read", "if mean > 2 * error", "if mean > 0", ("test-worse",)),
+    Wrong("smaller errors are worse", "read", "if mean > 2 * error", "if mean < -2 * error", ("test-worse",)),
+]
+
+PS4 = [
+    Wrong("the logarithm of the deviation", "doubt", "2 * math", "math", ("test-doubt",)),
+    Wrong("the variance itself", "doubt", "2 * math.log(0.5)", "0.25", ("test-doubt",)),
+    Wrong(
+        "the sign of the logarithms",
+        "divergence",
+        "log_variance_p - log_variance_q",
+        "log_variance_q - log_variance_p",
+        ("test-divergence",),
+    ),
+    Wrong(
+        "q and p exchanged",
+        "divergence",
+        "    spread =",
+        "    mean_q, mean_p, log_variance_q, log_variance_p = mean_p, mean_q, log_variance_p, log_variance_q\n    spread =",
+        ("test-divergence",),
+    ),
+    Wrong("without the half", "divergence", "0.5 *", "1.0 *", ("test-divergence",)),
+    Wrong("the variance as the deviation", "draw", "(0.5 * log_variance)", "log_variance", ("test-draw",)),
+    Wrong("no gradient", "draw", "+ mean", "+ mean.detach()", ("test-draw",)),
+    Wrong(
+        "the gates exchanged",
+        "cell",
+        'elu(f * (c @ w["W_c"].T) + i *',
+        'elu(i * (c @ w["W_c"].T) + f *',
+        ("test-cell",),
+    ),
+    Wrong("the ordinary cell's activation", "cell", "return elu(", "return torch.tanh(", ("test-cell",)),
+    Wrong(
+        "returns to the first code at every step", "cell", "step(state, h[:, t])", "step(z_1, h[:, t])", ("test-modes",)
+    ),
+    Wrong("turning to the right is positive", "control", "np.diff(heading)", "-np.diff(heading)", ("test-control",)),
+    Wrong(
+        "a full turn where the angle is written anew",
+        "control",
+        "(turn + np.pi) % (2 * np.pi) - np.pi",
+        "turn",
+        ("test-control",),
+    ),
+    Wrong("per frame", "control", "(place[1:] - place[:-1]) * fps", "place[1:] - place[:-1]", ("test-control",)),
+    Wrong(
+        "averaged before the divergence",
+        "active",
+        "each = 0.5 * (mean ** 2",
+        "each = 0.5 * (0 * mean + mean.mean((0, 1)) ** 2",
+        ("test-active",),
+    ),
+    Wrong("the one with the most active units", "active", "min(", "max(", ("test-collapsed",)),
+]
+
+WRONG: dict[str, list[Wrong]] = {"ps1": PS1, "ps2": PS2, "ps3": PS3, "ps4": PS4}
 
 # One submission that does what must not stop the grading of the rest: answer cells, and the tests they cost.
 BAD: dict[str, tuple[str, str]] = {
