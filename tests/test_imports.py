@@ -24,6 +24,7 @@ FLOORS = (
     {"training"},
     {"generate"},
     {"generate_control", "generate_futures"},
+    {"walk"},
     {"evaluate", "recipes", "clip_errors"},
     {"pretrained"},
     {"view"},

@@ -256,6 +256,9 @@ def _parser() -> argparse.ArgumentParser:
         "training clips follow one another without end, blended over so many seconds; 0: each ends where it ends",
         type=_number(0, True, most=10),
     )
+    group.add_argument(
+        "--mirror", action="store_true", help="learn also from every clip's mirror image, left and right exchanged"
+    )
     group = train.add_argument_group("network")
     setting(group, "--hidden", "cells a layer; the paper has 1024", type=_whole(1, MOST["hidden"]))
     setting(

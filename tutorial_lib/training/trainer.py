@@ -101,6 +101,7 @@ class Trainer:
     representation, normalizer : what the checkpoint needs to turn features into motion; by default those of
         ``batches``, if it has them.
     provenance : what :func:`tutorial_lib.training.checkpoints.provenance` makes.
+    sway : the gait of the clips, kept in the checkpoint (:mod:`tutorial_lib.control.sway`).
     device : where the network is trained. The CPU is the reference: there a resumed run gives the weights of
         an uninterrupted one bit for bit (with the same number of threads).
     settings : further values to keep in the checkpoint's ``training`` (batch, length, ...), not interpreted.
@@ -122,6 +123,7 @@ class Trainer:
         representation: Any = None,
         normalizer: Any = None,
         provenance: Mapping[str, Any] | None = None,
+        sway: Any = None,
         device: str | torch.device = "cpu",
         save_seconds: float = 60.0,
         settings: Mapping[str, Any] | None = None,
@@ -137,7 +139,7 @@ class Trainer:
         self.seconds = 0.0  # spent in training, over all runs
         self._representation = getattr(batches, "representation", None) if representation is None else representation
         self._normalizer = getattr(batches, "normalizer", None) if normalizer is None else normalizer
-        self._provenance = provenance
+        self._provenance, self._sway = provenance, sway
         self._stopped = ""  # why, if it is for good
         self.stages = system.stages or (Stage(system.name, system.loss),)
         self._ends = stage_ends(self.stages, self.config.steps)
@@ -386,6 +388,7 @@ class Trainer:
             normalizer=self._normalizer,
             training=training,
             provenance=self._provenance or provenance(),
+            sway=self._sway,
             state=self._state() if unfinished else None,
             half=half,
         )
