@@ -519,6 +519,29 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="of the VAE-LSTM (default 400); the baselines, whose steps are cheaper, have two to four times as many",
     )
+
+    future = papers.add_parser(
+        "dynamic-future-net",
+        help="diversified motion: figures 6 to 9, stability, changes of action, limited data, ablations",
+        description="Train the Dynamic Future Net on four kinds of motion, together and each alone, with less data and "
+        "with parts cut out, as far as they are missing, and measure how stable and how different its motions are. "
+        "Can be stopped at any moment; called again, it goes on.",
+        epilog=f"example: {PROGRAM} reproduce dynamic-future-net --data DIR --runs runs/dfn --jobs 2",
+    )
+    future.set_defaults(run=_reproduce_dynamic_future_net)
+    _add_places(
+        future,
+        "dynamic-future-net",
+        "folder with cmu/walking, cmu/running, cmu/martial and cmu/indian, or: samples (default: where data list finds "
+        "the clips, else the samples)",
+    )
+    future.add_argument(
+        "--steps",
+        type=_whole(3, MOST["steps"]),
+        metavar="N",
+        help="of a network of one action (default 800); one of all four has twice as many",
+    )
+
     every = papers.add_parser(
         "side-by-side",
         help="every system on the same clips, split and skeleton, in one table",
@@ -535,10 +558,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     for size, what in (("steps", "of LSTM-3LR; the others have as many as take as long"), ("hidden", "cells a layer")):
         every.add_argument(f"--{size}", type=_whole(10 if size == "steps" else 1, MOST[size]), metavar="N", help=what)
-    for paper in (acrnn, vae):
-        _add_reproduce(paper)
-        paper.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
-    _add_reproduce(every)
+    for paper in (acrnn, vae, future, every):
+        _add_reproduce(paper, tunes=paper in (acrnn, vae), seeded=paper is not future)
 
     benchmark = add(
         "benchmark",
@@ -585,8 +606,8 @@ def _add_places(paper: argparse.ArgumentParser, name: str, data: str, written: s
     paper.add_argument("--out", metavar="FOLDER", help=result)
 
 
-def _add_reproduce(paper: argparse.ArgumentParser) -> None:
-    """What every paper's command has."""
+def _add_reproduce(paper: argparse.ArgumentParser, tunes: bool, seeded: bool) -> None:
+    """What every paper's command has; ``seeded``: also seeds of training; ``tunes``: also a choice of rates."""
     paper.add_argument(
         "--jobs",
         type=_whole(1, MOST["threads"]),
@@ -594,9 +615,12 @@ def _add_reproduce(paper: argparse.ArgumentParser) -> None:
         metavar="N",
         help="runs trained side by side, each with one thread (default 2)",
     )
-    paper.add_argument(
-        "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
-    )
+    if seeded:
+        paper.add_argument(
+            "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
+        )
+    if tunes:
+        paper.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
     paper.add_argument("--no-train", action="store_true", help="measure the runs that are finished, and train none")
     paper.add_argument("--quick", action="store_true", help="a trial with tiny networks and few steps")
 
@@ -1055,69 +1079,49 @@ def _pretrained_publish(options: argparse.Namespace, _: Sequence[str]) -> None:
     print(f"wrote {file} ({file.stat().st_size / 1e6:.2f} MB)")
 
 
+def _reproduce_acrnn(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.acrnn import reproduce
+
+    common = _reproduction(options, "steps", "hidden", "batch", "length")
+    reproduce(
+        options.data, styles=options.styles, seeds=options.seeds, grid=options.grid, long=options.long,
+        tuning=options.tune, **common,
+    )  # fmt: skip
+
+
 def _reproduce_vae_lstm(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .reproduce.vae_lstm import reproduce
 
-    _check_reproduce(options)
-    reproduce(
-        options.data,
-        runs=options.runs,
-        out=options.out,
-        jobs=options.jobs,
-        seeds=options.seeds,
-        tuning=options.tune,
-        train_missing=not options.no_train,
-        quick=options.quick,
-        budget={} if options.steps is None else {"steps": options.steps},
-        tell=_tell,
-    )
+    reproduce(options.data, seeds=options.seeds, tuning=options.tune, **_reproduction(options, "steps"))
+
+
+def _reproduce_dynamic_future_net(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.dynamic_future_net import reproduce
+
+    reproduce(options.data, **_reproduction(options, "steps"))
 
 
 def _reproduce_side_by_side(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .reproduce.side_by_side import reproduce
 
-    _check_reproduce(options)
-    sizes = {name: getattr(options, name) for name in ("steps", "hidden")}
-    reproduce(
-        options.data,
-        runs=options.runs,
-        out=options.out,
-        jobs=options.jobs,
-        seeds=options.seeds,
-        train_missing=not options.no_train,
-        quick=options.quick,
-        budget={name: value for name, value in sizes.items() if value is not None},
-        tell=_tell,
-    )
+    reproduce(options.data, seeds=options.seeds, **_reproduction(options, "steps", "hidden"))
 
 
-def _check_reproduce(options: argparse.Namespace) -> None:
+def _reproduction(options: argparse.Namespace, *sizes: str) -> dict[str, Any]:
+    """What all of them are told; ``sizes``: of the budget, as far as they were given."""
     for folder in (options.runs, options.out):
         if folder is not None:
             _check_named(folder)
             _check_folder(pathlib.Path(folder))
-
-
-def _reproduce_acrnn(options: argparse.Namespace, _: Sequence[str]) -> None:
-    from .reproduce.acrnn import reproduce
-
-    _check_reproduce(options)
-    sizes = {name: getattr(options, name) for name in ("steps", "hidden", "batch", "length")}
-    reproduce(
-        options.data,
-        runs=options.runs,
-        out=options.out,
-        jobs=options.jobs,
-        styles=options.styles,
-        seeds=options.seeds,
-        grid=options.grid,
-        long=options.long,
-        tuning=options.tune,
-        train_missing=not options.no_train,
-        quick=options.quick,
-        budget={name: value for name, value in sizes.items() if value is not None},
-        tell=_tell,
-    )
+    return {
+        "runs": options.runs,
+        "out": options.out,
+        "jobs": options.jobs,
+        "train_missing": not options.no_train,
+        "quick": options.quick,
+        "budget": {name: getattr(options, name) for name in sizes if getattr(options, name) is not None},
+        "tell": _tell,
+    }
 
 
 def _tell(line: str) -> None:
