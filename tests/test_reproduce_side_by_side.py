@@ -193,7 +193,24 @@ def test_the_result_is_whole_and_has_no_place_of_this_machine(made):
         assert read_header(folder / f"{name}.safetensors")["provenance"]["clips"] == split["train"]
         np.testing.assert_allclose(np.mean(run["errors"], axis=1), run["error"], rtol=1e-3)
         assert (run["paths"] is not None) == SYSTEMS[name].control
-    assert any("the whole cost" in line for line in told) and told[-1].startswith("wrote")
+    assert any("the whole cost" in line for line in told) and told[-2].startswith("wrote")
+
+
+def test_the_networks_beside_a_result_are_those_that_were_measured(made, walks):
+    folder, told, result = made
+    networks = side_by_side.load_networks(folder / "side_by_side")
+    assert list(networks) == list(SYSTEMS) and told[-1].startswith("wrote 10 networks")
+    test = [w for w in walks if w.name in result["splits"]["seed 0"]["test"]]
+    windows = windows_of(test, SEED + HORIZON, QUICK["protocol"].seeds)
+    truth = np.stack([w.positions for w in windows])[:, SEED:]
+    for name in ("aclstm", DFN):
+        size = (folder / "side_by_side" / f"{name}.safetensors").stat().st_size
+        assert size < (folder / f"{name}.safetensors").stat().st_size
+        assert networks[name].seed_frames is None, "no captured motion goes along"
+        positions = go_on(networks[name], [w[:SEED] for w in windows], HORIZON)[:, SEED:]
+        np.testing.assert_allclose(errors_of(positions, truth, 30.0)["error"], result["runs"][name]["error"], rtol=1e-3)
+    with pytest.raises(DataError, match="no networks here, expected lstm.safetensors"):
+        side_by_side.load_networks(folder / "nowhere")
 
 
 def test_the_table_has_the_numbers_of_the_result(made):
@@ -216,9 +233,8 @@ def test_the_table_has_the_numbers_of_the_result(made):
     for table in tables.values():
         assert all(line in told for line in str(table).splitlines())
     assert "SAMPLE MOTIONS" in tables["side by side"].caption and "QUICK" in tables["side by side"].caption
-    assert sorted(tables) == sorted([
-        "side by side", "errors", "pose errors", "standard errors", "long run", "failures", "futures", "paths"
-    ])  # fmt: skip
+    shown = {"side by side", "errors", "pose errors", "standard errors", "long run", "failures", "futures", "paths"}
+    assert set(tables) == shown
 
 
 def test_findings_say_what_the_numbers_say(made):
@@ -267,12 +283,12 @@ def test_a_run_that_is_not_finite_has_gaps_in_the_table(made):
 
 def test_called_again_it_trains_nothing(made):
     folder, _, result = made
-    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.safetensors")}
+    before = {path: path.stat().st_mtime_ns for path in folder.glob("*.safetensors")}
     (folder / "erd.safetensors").rename(folder / "away")
     again = side_by_side.reproduce("samples", runs=folder, out=folder / "again", jobs=1, quick=True,
                                    train_missing=False, tell=lambda line: None)  # fmt: skip
     (folder / "away").rename(folder / "erd.safetensors")
-    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.safetensors")} == before
+    assert {path: path.stat().st_mtime_ns for path in folder.glob("*.safetensors")} == before
     assert set(again["runs"]) == set(SYSTEMS) - {"erd"}
     for name, run in again["runs"].items():
         assert {**run, "ms": 0} == {**result["runs"][name], "ms": 0}, "measured alike, but for the clock"

@@ -587,7 +587,7 @@ def _parser() -> argparse.ArgumentParser:
         every,
         "side-by-side",
         "folder with cmu/walking, or: samples (default: where data list finds the clips, else the samples)",
-        "side_by_side.json",
+        "side_by_side.json and its networks",
     )
     for size, what in (("steps", "of LSTM-3LR; the others have as many as take as long"), ("hidden", "cells a layer")):
         every.add_argument(f"--{size}", type=_whole(10 if size == "steps" else 1, MOST[size]), metavar="N", help=what)
@@ -630,7 +630,7 @@ def _add_weights(command: argparse.ArgumentParser) -> None:
 
 
 def _add_places(paper: argparse.ArgumentParser, name: str, data: str, written: str = "") -> None:
-    """Where a paper's command reads and writes; ``data``: the help of its --data; ``written``: what it writes."""
+    """Where a paper's command reads from and writes to; data: the help of its --data; written: what it writes."""
     runs = f"for the checkpoints (default runs/{name}, of samples runs/{name}-samples)"
     written = written or f"{name.replace('-', '_')}.json and the figures"
     result = f"for {written} (default: that of the runs)"

@@ -46,11 +46,12 @@ from .grid import Run, Told, clips_for, finished, side_by_side
 from .results import head, tell_result, write_result
 from .side_by_side_findings import findings
 from .side_by_side_measure import seconds_of_measuring, train_and_measure
+from .side_by_side_networks import load_networks, write_networks
 from .side_by_side_plan import DATA, QUICK, SYSTEMS, Budget, Plan, name_of
 from .side_by_side_tables import SCHEMA, error, failed, load_result, off_path, tables, value
 from .sources import at_hand, check_data, data_from
 
-__all__ = ["error", "failed", "findings", "load_result", "off_path", "reproduce", "tables", "value"]
+__all__ = ["error", "failed", "findings", "load_networks", "load_result", "off_path", "reproduce", "tables", "value"]
 
 
 def reproduce(
@@ -65,13 +66,14 @@ def reproduce(
     budget: Mapping[str, int] | None = None,
     tell: Callable[[str], None] = print,
 ) -> dict[str, Any]:
-    """Train what is missing, measure, write the result; returns it (see the top of this module).
+    """Train what is missing, measure, write the result and its networks; returns it (see the top of this module).
 
     Parameters
     ----------
     source : a folder with ``cmu/walking``; "samples" for the sample motions; by default the clips that the catalogue
         finds on this machine, and the samples where it finds none.
-    runs : folder for the checkpoints; out : folder for ``side_by_side.json`` (by default that of the runs).
+    runs : folder for the checkpoints; out : folder for ``side_by_side.json`` and, in a folder ``side_by_side``, the
+        networks in half precision (by default that of the runs).
     jobs : how many runs are trained side by side, each in a process with one thread.
     train_missing : without, only runs that are finished are measured.
     budget : sizes that are not the default, ``{"steps": 600, "hidden": 64}``.
@@ -91,7 +93,9 @@ def reproduce(
         check_data(plan.data, of_folder=source is not None and not samples, hint="--data samples takes the samples")
         result = _measured(plan, runs, jobs=jobs, train_missing=train_missing, tell=tell)
     path = write_result(result, out / "side_by_side.json")
+    count = write_networks(result, plan, runs, path.with_suffix(""))
     tell_result(path, tables(result), findings(result), {}, tell, whose="the papers say")
+    tell(f"wrote {count} networks in half precision to {path.with_suffix('')}")
     return result
 
 

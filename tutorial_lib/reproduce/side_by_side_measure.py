@@ -14,6 +14,7 @@ from .. import metrics
 from ..clip_errors import joint_error, sample_diversity
 from ..motion.clip import Motion, settled_positions
 from ..motion.skeleton import Skeleton
+from ..pretrained import publish
 from ..recipes import Recipe, trainer_for
 from ..representations import Representation, make_representation
 from ..training.checkpoints import Checkpoint, load_checkpoint
@@ -35,7 +36,7 @@ def train_and_measure(
     """A run trained to its end and measured: what its split is like, and the run's entry."""
     sets = clips_for(run.recipe)
     train(run, folder, report, sets)
-    checkpoint = load_checkpoint(run.path(folder))
+    checkpoint = publish.rounded(load_checkpoint(run.path(folder)))  # as it is passed on
     train_clips, test_clips = ([m for part in sets for m in part[k]] for k in (0, 1))
     truth = Truth.of(train_clips, test_clips, _common(train_clips[0].skeleton, run.recipe.fps))
     name = name_of(run)
@@ -124,8 +125,11 @@ def errors_of(made: np.ndarray, truth: np.ndarray, fps: float) -> dict[str, Any]
 
 
 def flaws_of(positions: np.ndarray, skeleton: Skeleton, fps: float) -> dict[str, float]:
-    """Of motions ``(K, T, J, 3)``: ``foot_skate``, cm/s of standing feet, each motion put on the ground first;
-    ``bones``, how much bones change their length, per cent against the motion's own first frame."""
+    """What is wrong with motions ``(K, T, J, 3)``.
+
+    ``foot_skate``: cm/s of standing feet, each motion put on the ground first. ``bones``: how much bones change their
+    length, per cent against the motion's own first frame.
+    """
     feet = metrics.foot_joints(skeleton)
     skates = [float(metrics.foot_skate(settled_positions(x, fps), feet, fps)) for x in positions]
     return {

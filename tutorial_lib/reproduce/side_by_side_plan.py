@@ -36,17 +36,17 @@ HIP = {"representation": "hip-frame", "rotate": False}  # turns with the body, s
 VAE, DFN = "vae-lstm", "dynamic-future-net"
 SYSTEMS = {
     "lstm": SystemRow("LSTM-3LR", "lstm", 1.0),
-    "aclstm": SystemRow("acLSTM", "aclstm", 0.55, options={"u": 5, "v": 5}),
+    "aclstm": SystemRow("acLSTM", "aclstm", 0.65, options={"u": 5, "v": 5}),
     "scheduled-sampling": SystemRow("scheduled sampling", "scheduled-sampling", 0.65),
-    "erd": SystemRow("ERD", "erd", 1.2),
-    "seq2seq": SystemRow("seq2seq", "seq2seq", 1.4),
-    "crbm": SystemRow("cRBM", "crbm", 1.6, HIP, {"cd": 15}, chance=True),
-    VAE: SystemRow("VAE-LSTM", VAE, 0.5, {**HIP, "pad": False}, control=True, chance=True),
-    DFN: SystemRow("Dynamic Future Net", DFN, 0.4, {"length": 40}, chance=True),
+    "erd": SystemRow("ERD", "erd", 1.4),
+    "seq2seq": SystemRow("seq2seq", "seq2seq", 0.9),
+    "crbm": SystemRow("cRBM", "crbm", 0.9, HIP, {"cd": 15}, chance=True),
+    VAE: SystemRow("VAE-LSTM", VAE, 0.38, {**HIP, "pad": False}, control=True, chance=True),
+    DFN: SystemRow("Dynamic Future Net", DFN, 0.3, {"length": 40}, chance=True),
     # In no paper: the first two once more, in the representation of the VAE-LSTM. They tell what is the training's and
     # what the representation's.
     "lstm-hip": SystemRow("LSTM-3LR, hip frame", "lstm", 1.0, HIP),
-    "aclstm-hip": SystemRow("acLSTM, hip frame", "aclstm", 0.55, HIP, {"u": 5, "v": 5}),
+    "aclstm-hip": SystemRow("acLSTM, hip frame", "aclstm", 0.65, HIP, {"u": 5, "v": 5}),
 }
 
 
@@ -54,8 +54,8 @@ SYSTEMS = {
 class Budget:
     """What every system has alike; ``steps`` are those of a share of 1, see :class:`SystemRow`."""
 
-    steps: int = 2400
-    hidden: int = 128
+    steps: int = 4000
+    hidden: int = 64
     batch: int = 16
     length: int = 60  # frames of a window: no clip of cmu/walking is shorter
     learning_rate: float = 2e-3

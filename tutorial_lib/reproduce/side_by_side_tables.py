@@ -82,8 +82,11 @@ def off_path(result: Result, label: str, moved: str = "predicted") -> float | No
 
 
 def tables(result: Result) -> dict[str, ErrorTable]:
-    """All by name: "side by side", all systems, the columns :data:`COLUMNS`; behind it "errors", "pose errors" and
-    "standard errors" at all times, "long run", "failures", "futures", and "paths" where a system follows any."""
+    """The one table, and what stands behind it.
+
+    "side by side": all systems, the columns :data:`COLUMNS`. "errors", "pose errors" and "standard errors" at all
+    times; "long run"; "failures"; "futures"; "paths" where a system follows any.
+    """
     columns = [f"{ms} ms" for ms in result["protocol"]["times_ms"]]
     note, data = _note(result), " + ".join(result["data_sets"])
     found = {"side by side": _side_by_side(result, data, note)}
