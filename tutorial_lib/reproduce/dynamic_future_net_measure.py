@@ -89,7 +89,7 @@ def measure(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, netwo
     return {
         "stability": found,
         "copies": copies(checkpoint.representation, train_clips, test_clips, windows, protocol),
-        "fan": fan(checkpoint, train_clips, test_clips, protocol, figures=network.figures),
+        "fan": fan(checkpoint, train_clips, test_clips, protocol, network),
         "data": {action: data_fan(checkpoint.representation, clips, protocol) for action, clips in train_clips.items()},
         "transitions": changes(checkpoint, train_clips, test_clips, protocol) if network.joint else None,
         "reconstruction": reconstruction(checkpoint, test_clips),
@@ -177,13 +177,13 @@ def copies(representation: Representation, train_clips: Clips, test_clips: Clips
 # --- the fan --------------------------------------------------------------------------------------
 
 
-def fan(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol: Protocol, *,
-        figures: bool = False) -> dict[str, Any]:  # fmt: skip
+def fan(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol: Protocol,
+        network: Network) -> dict[str, Any]:  # fmt: skip
     """Thousands of futures of one prefix of each action: section 6.3, figures 8 and 9.
 
     For each prefix ``pairwise`` distance and ``band`` (mean, deviation) every :data:`CURVE` frames, the data's band of
     all that the network has learnt and of that action alone, the share of their areas that is covered, and the seconds
-    that it took. With ``figures`` also some of the latent z and s at two times, in their two main directions.
+    that it took. Where figures are wanted also some of the latent z and s at two times, in their two main directions.
     """
     representation = checkpoint.representation
     poses = {action: _some(np.concatenate([joints_of(representation, x) for x in encoded(representation, clips)]),
@@ -195,16 +195,19 @@ def fan(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol:
     for action, clips in test_clips.items():
         prefix = prefixes_of(representation, clips, 1, protocol.prefix)
         start = time.process_time()
-        made = generate_futures(checkpoint, protocol.fan_frames, prefix=prefix, count=protocol.fan)
+        made = generate_futures(
+            checkpoint, protocol.fan_frames, prefix=prefix, count=protocol.fan if network.many else protocol.pairs
+        )
         seconds = time.process_time() - start
         features = joints_of(representation, made.features(slice(CURVE - 1, None, CURVE)))  # (K, n, P)
         own = mean_distance_band(poses[action][:, None])
         entry = {
+            "motions": len(made),
             "seconds": round(seconds, 2),
             **compared(features, whole, protocol),
             "own": {"data": _band(own), "coverage": compared(features, own, protocol)["coverage"]},
         }
-        if figures:
+        if network.figures:
             entry["latent"] = latent_points(made, protocol)
         found["prefixes"][action] = entry
     return found
@@ -401,4 +404,4 @@ def seconds_of_measuring(run: Run, plan: Plan) -> float:
         start = time.monotonic()
         generate_futures(checkpoint, frames, count=count)
         each = (time.monotonic() - start) / (count * frames)
-    return 2 * each * protocol.fan * protocol.fan_frames * len(network.actions)
+    return 2 * each * (protocol.fan if network.many else protocol.pairs) * protocol.fan_frames * len(network.actions)
