@@ -153,8 +153,8 @@ def generate_from_control(
     start: Motion | Sequence[Motion] | None = None,
     codes: str = "one",
     integrate: str = "given",
-    place: Sequence[float] = (0.0, 0.0),
-    heading: float = 0.0,
+    place: Sequence[float] | np.ndarray = (0.0, 0.0),
+    heading: float | np.ndarray = 0.0,
     chunk: int = CHUNK,
 ) -> list[Motion]:
     """Motions that follow a control signal.
@@ -174,7 +174,7 @@ def generate_from_control(
     integrate : the network puts out control as well as poses. ``"given"``: the figure moves as it was told, exactly
         along the path. ``"predicted"``: as the network says it moved, which fits the feet but leaves the path little by
         little; the motion errors of the paper's table 1 grow in this way.
-    place, heading : of the first frame, as :meth:`Representation.decode` has them.
+    place, heading : of the first frame, as :meth:`Representation.decode` has them; or (K, 2) and (K,), one for each.
     chunk : as in :func:`synthesize_control`.
 
     Raises :class:`CheckpointError` for a network of another kind, ``MotionError`` for control or clips that do not fit
@@ -198,9 +198,10 @@ def generate_from_control(
     bad = ~np.isfinite(features).all(axis=(1, 2))
     if bad.any():
         raise TutorialError(f"motion {int(bad.argmax()) + 1} of {len(features)} left the finite numbers")
+    positions = representation.decode_positions(features.astype(np.float64), place, heading)  # (K, T, J, 3)
     return [
-        representation.decode(x, start=place, heading=heading, name=f"{checkpoint.system}-{k}")
-        for k, x in enumerate(features, start=1)
+        Motion(representation.skeleton, representation.fps, x, name=f"{checkpoint.system}-{k}")
+        for k, x in enumerate(positions, start=1)
     ]
 
 
@@ -215,7 +216,7 @@ def generate_control_features(
 ) -> np.ndarray:
     """What :func:`generate_from_control` makes motions of: (K, T, 3) control to (K, T, D) features of the
     representation, not normalised, with the *predicted* control in its channels."""
-    model, generator = _network(checkpoint), torch.Generator().manual_seed(seed)
+    model, generator = control_network(checkpoint), torch.Generator().manual_seed(seed)
     device = next(model.parameters()).device
     count, length = control.shape[:2]
     if codes not in CODES:
@@ -235,7 +236,7 @@ def generate_control_features(
 def features_from_code(checkpoint: Checkpoint, control: np.ndarray, code: Tensor, *, chunk: int = CHUNK) -> np.ndarray:
     """What the network makes of codes that are at hand: control (K, T, 3) and a code, (K, H) or one a step (K, S, H),
     to features (K, T, D) of the representation, not normalised, with the *predicted* control in its channels."""
-    model, normalizer = _network(checkpoint), _normalizer(checkpoint)
+    model, normalizer = control_network(checkpoint), _normalizer(checkpoint)
     device, channels = next(model.parameters()).device, slice(*model.config.control)
     control = torch.as_tensor(np.array(control), dtype=torch.float32)
     wanted = (control - normalizer.mean[channels]) / normalizer.std[channels]
@@ -249,7 +250,7 @@ def first_poses(checkpoint: Checkpoint, start: Motion | Sequence[Motion], count:
     One clip serves for all. Clips are brought to the network's joints, frame rate and size; ``MotionError`` naming both
     sides where that cannot be, or where one is shorter than the pooling.
     """
-    model, representation = _network(checkpoint), representation_of(checkpoint)
+    model, representation = control_network(checkpoint), representation_of(checkpoint)
     motions = [start] if isinstance(start, Motion) else list(start)
     if len(motions) not in (1, count):
         raise MotionError(f"{len(motions)} clips to start {count} motions from: expected one for each, or one for all")
@@ -268,7 +269,7 @@ def first_poses(checkpoint: Checkpoint, start: Motion | Sequence[Motion], count:
 
 def check_control(checkpoint: Checkpoint, control: np.ndarray | Tensor, *, fps: float | None = None) -> np.ndarray:
     """``control`` as float32 ``(T, C)`` or ``(K, T, C)`` if the network can follow it, else ``MotionError``."""
-    model, representation = _network(checkpoint), representation_of(checkpoint)
+    model, representation = control_network(checkpoint), representation_of(checkpoint)
     values = np.asarray(control, dtype=np.float32)
     names = representation.labels[slice(*model.config.control)]
     if values.ndim not in (2, 3) or values.shape[-1] != len(names) or values.shape[-2] < 1:
@@ -285,7 +286,8 @@ def check_control(checkpoint: Checkpoint, control: np.ndarray | Tensor, *, fps: 
     return values
 
 
-def _network(checkpoint: Checkpoint) -> VAELSTM:
+def control_network(checkpoint: Checkpoint) -> VAELSTM:
+    """The network of a checkpoint, if it follows control; else ``CheckpointError``."""
     if not isinstance(checkpoint.model, VAELSTM):
         raise CheckpointError(
             f"the checkpoint is of system {checkpoint.system!r}, which follows no control signal: expected 'vae-lstm'"

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from .errors import CheckpointError, DataError, MotionError, TutorialError
 
 if TYPE_CHECKING:
+    from .control.sway import Sway
     from .motion.clip import Motion
     from .motion.skeleton import Skeleton
     from .training.checkpoints import Checkpoint
@@ -62,6 +63,7 @@ class Recipe:
     joints: str | None = None  # "common": every clip is mapped to the 21 common joints first; "own": it is not
     pad: bool | None = None  # clips shorter than a window are lengthened with their first and last pose
     join: float = 0.0  # seconds of blending between training clips that follow one another without end; 0: each ends
+    mirror: bool = False  # every training clip is also learnt from in its mirror image, left and right exchanged
     hidden: int = 128
     layers: int | None = None  # None: as many as the system has by default (LSTM-3LR 3, ERD 2, seq2seq 1, VAE-LSTM -)
     steps: int | None = None
@@ -312,6 +314,7 @@ def trainer_for(
     stopped for good; :class:`DataError` and :class:`MotionError` as :func:`sets_of`.
     """
     from .data.windows import Normalizer, WindowSampler
+    from .motion.mirror import mirrored
     from .representations import make_representation
     from .training.checkpoints import load_checkpoint, provenance, read_header
     from .training.systems import make_system, system_kind
@@ -327,6 +330,7 @@ def trainer_for(
             raise CheckpointError(f"{path}: cannot be resumed, {status}")
         there = load_checkpoint(path)
 
+    kind = system_kind(recipe.system)
     sets = sets_of(recipe) if sets is None else sets
     train, test = [m for part, _ in sets for m in part], [m for _, part in sets for m in part]
     names = [motion.name for motion in train]
@@ -337,12 +341,13 @@ def trainer_for(
         if recipe.start is not None:
             first = _start_of(recipe)
             representation, normalizer = first.representation, first.normalizer
+        sway = _sway_of(train, recipe.fps) if kind.controlled else None
         told = provenance(
             recipe.data[0] if len(recipe.data) == 1 else list(recipe.data),
             names, command, test_clips=[motion.name for motion in test],
         )  # fmt: skip
     else:
-        representation, normalizer, told = there.representation, there.normalizer, there.provenance
+        representation, normalizer, told, sway = there.representation, there.normalizer, there.provenance, there.sway
         settings = {name: there.training[name] for name in settings if name in there.training}  # as it has them
         if names != told.get("clips"):
             raise CheckpointError(
@@ -350,14 +355,16 @@ def trainer_for(
                 f"now there are other ones ({len(train)} to train on)"
             )
 
-    shown = [_one_after_another(part, recipe) if recipe.join else part for part, _ in sets]
+    shown = [part for part, _ in sets]
+    if recipe.mirror:
+        shown = [[*part, *(mirrored(motion) for motion in part)] for part in shown]
+    shown = [_one_after_another(part, recipe) if recipe.join else part for part in shown]
     train = [motion for part in shown for motion in part]
     window = {
         "length": recipe.length, "batch": recipe.batch, "rates": recipe.rates, "rotate": recipe.rotate,
         "pad": recipe.pad,
         "seed": recipe.seed, "groups": [k for k, part in enumerate(shown) for _ in part],
     }  # fmt: skip
-    kind = system_kind(recipe.system)
     as_it_is = representation.name == "positions" or kind.reads
     wanted = recipe.normalize == "on" or (recipe.normalize == "auto" and not as_it_is)
     if wanted and normalizer is None:  # on drawn windows, so that the random turns are in the statistics
@@ -374,7 +381,7 @@ def trainer_for(
         _begin_with(system, first)
     trainer = Trainer(
         system, batches, TrainingConfig(**recipe._only(TrainingConfig)),
-        path=path, device=device, save_seconds=save_seconds, settings=settings, provenance=told,
+        path=path, device=device, save_seconds=save_seconds, settings=settings, provenance=told, sway=sway,
     )  # fmt: skip
     if there is not None and header["resumable"]:
         trainer.resume()
@@ -382,6 +389,16 @@ def trainer_for(
         trainer.model.load_state_dict(there.model.state_dict())
         trainer.step, trainer.seconds = recipe.steps, float(there.training.get("seconds", 0.0))
     return trainer
+
+
+def _sway_of(clips: Sequence[Motion], fps: float) -> Sway | None:
+    """How the people in the clips sway as they walk; None where nobody walks in them."""
+    from .control.sway import fit_sway
+
+    try:
+        return fit_sway(clips, fps)
+    except MotionError:
+        return None
 
 
 def _start_of(recipe: Recipe) -> Checkpoint:

@@ -20,18 +20,25 @@ from .signals import (
     piecewise_control,
     smooth_control,
 )
+from .strides import Strides, find_strides
+from .sway import Sway, Swaying, fit_sway
 
 __all__ = [
     "LIMITS",
     "Limits",
     "PathControl",
     "PathDeviation",
+    "Strides",
+    "Sway",
+    "Swaying",
     "check_control",
     "circle",
     "constant_control",
     "control_from_path",
     "control_of",
     "figure_of_eight",
+    "find_strides",
+    "fit_sway",
     "integrate_control",
     "limit_control",
     "limits_of",

@@ -65,17 +65,19 @@ def smooth_control(control: np.ndarray, fps: float, seconds: float = SWAY_BLUR) 
     Measured control sways, since hip and shoulders do; one made from a path does not. Holden et al. 2016 (section 4)
     smooth the direction over time for the same reason. seconds: standard deviation of the Gaussian.
     """
-    place, angle = integrate_control(np.asarray(control, np.float64), check_fps(fps))
-    pad = min(math.ceil(4 * seconds * fps), 20 * place.shape[-2])
-    if pad == 0 or place.shape[-2] < 2:
-        return np.asarray(control, np.float64).copy()
+    control = np.asarray(control, np.float64)
+    place, angle = integrate_control(control, check_fps(fps))
+    if place.shape[-2] < 2 or seconds * fps == 0:
+        return control.copy()
+    return measure_control(blurred(place, fps, seconds), blurred(angle[..., None], fps, seconds)[..., 0], fps)
 
-    def blurred(values):  # (..., T, C), going on at both ends as it came
-        around = [(0, 0)] * (values.ndim - 2) + [(pad, pad), (0, 0)]
-        wide = np.pad(values, around, mode="reflect", reflect_type="odd")
-        return gaussian_filter1d(wide, seconds * fps, axis=-2)[..., pad:-pad, :]
 
-    return measure_control(blurred(place), blurred(angle[..., None])[..., 0], fps)
+def blurred(values: np.ndarray, fps: float, seconds: float = SWAY_BLUR) -> np.ndarray:
+    """``(..., T, C)`` blurred over time by a Gaussian, going on at both ends as it came."""
+    pad = min(math.ceil(4 * seconds * fps), 20 * values.shape[-2])
+    around = [(0, 0)] * (values.ndim - 2) + [(pad, pad), (0, 0)]
+    wide = np.pad(values, around, mode="reflect", reflect_type="odd")
+    return gaussian_filter1d(wide, seconds * fps, axis=-2)[..., pad:-pad, :]
 
 
 def limits_of(motions: Iterable[Motion], fps: float = 30.0, quantile: float = 0.99) -> Limits:

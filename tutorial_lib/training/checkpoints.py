@@ -11,6 +11,7 @@ header               content
 ``representation``   name, skeleton and frame rate: features <-> motion
 ``training``         steps done, steps asked for, learning rate, seed, ..., ``status``
 ``provenance``       data set, clips, command, library versions, date, metrics
+``sway``             where the network follows control: the gait of its clips (:mod:`tutorial_lib.control.sway`)
 ``state``            only while a run is unfinished: optimiser, generators, sampler, loss history
 ===================  =========================================================================
 
@@ -41,6 +42,7 @@ from torch import Tensor, nn
 
 from .. import __version__
 from ..atomic import atomic_write
+from ..control.sway import Sway
 from ..data.windows import Normalizer
 from ..errors import CheckpointError, TutorialError
 from ..representations import Representation, representation_from_config
@@ -61,6 +63,7 @@ class Checkpoint:
     provenance: dict[str, Any]
     seed_frames: Tensor | None = None  # (K, T, D) features, not normalised
     path: pathlib.Path | None = None
+    sway: Sway | None = None  # how the people sway from whom the network learnt to follow control
 
     @property
     def config(self) -> dict[str, Any]:
@@ -103,6 +106,7 @@ def save_checkpoint(
     training: Mapping[str, Any] | None = None,
     provenance: Mapping[str, Any] | None = None,
     seed_frames: Tensor | np.ndarray | None = None,
+    sway: Sway | None = None,
     state: Mapping[str, Any] | None = None,
     half: bool = False,
 ) -> None:
@@ -130,6 +134,8 @@ def save_checkpoint(
         "training": dict(training or {}),
         "provenance": dict(provenance or {}),
     }
+    if sway is not None:
+        header["sway"] = sway.to_dict()
     if state is not None:
         header["state"] = _pack(state, "state", tensors)
     metadata = {name: json.dumps(value) for name, value in header.items()}
@@ -156,6 +162,7 @@ def load_checkpoint(path: str | os.PathLike, *, device: str | torch.device = "cp
         representation = header["representation"]
         if representation is not None:
             representation = representation_from_config(representation)
+        sway = Sway.from_dict(header["sway"]) if "sway" in header else None
     except CheckpointError as error:
         raise CheckpointError(f"{path}: {error}") from None
     except KeyError as error:
@@ -191,8 +198,9 @@ def load_checkpoint(path: str | os.PathLike, *, device: str | torch.device = "cp
         told = ", ".join(f"{what} {width}" for what, width in known.items())
         raise CheckpointError(f"{path}: the numbers a frame do not agree: {told}")
     return Checkpoint(
-        system, model.to(device).eval(), representation, normalizer, training, origin, seed_frames, pathlib.Path(path)
-    )
+        system, model.to(device).eval(), representation, normalizer, training, origin, seed_frames, pathlib.Path(path),
+        sway,
+    )  # fmt: skip
 
 
 def read_header(path: str | os.PathLike) -> dict[str, Any]:

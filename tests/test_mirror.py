@@ -1,0 +1,68 @@
+"""Mirrored motion: left and right exchanged, the figure still one that can be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tutorial_lib import data
+from tutorial_lib.control import control_of
+from tutorial_lib.errors import MotionError
+from tutorial_lib.motion import Motion, Skeleton
+from tutorial_lib.motion.mirror import mirrored, other_side
+from tutorial_lib.motion.retarget import to_common
+from tutorial_lib.recipes import Recipe, trainer_for
+
+
+@pytest.fixture(scope="module")
+def clip() -> Motion:
+    return data.load("samples/walking")[1]  # a circle to the left
+
+
+def test_who_turned_left_turns_right(clip):
+    image = mirrored(clip)
+    turning, forward, sideways = control_of(clip).T
+    np.testing.assert_allclose(control_of(image), np.stack([-turning, forward, -sideways], -1), atol=1e-4)
+    at = {name: j for j, name in enumerate(clip.skeleton.names)}
+    seen = clip.positions[:, at["LeftFoot"]] * [-1, 1, 1]
+    np.testing.assert_allclose(image.positions[:, at["RightFoot"]], seen)
+    assert image.name == clip.name and image.fps == clip.fps
+
+
+@pytest.mark.parametrize("common", [False, True])
+def test_rotations_are_mirrored_too(clip, common):
+    """Forward kinematics of the mirrored rotations give the mirrored positions."""
+    motion = to_common(clip) if common else clip
+    image = mirrored(motion)
+    straight = image.skeleton.fk(image.rotations, image.positions[:, 0])
+    there = motion.skeleton.fk(motion.rotations, motion.positions[:, 0])[:, other_side(motion.skeleton)]
+    np.testing.assert_allclose(straight, there * [-1, 1, 1], atol=1e-9)
+    twice = mirrored(image)
+    np.testing.assert_allclose(twice.positions, motion.positions)
+    np.testing.assert_allclose(twice.rotations, motion.rotations)
+    np.testing.assert_allclose(twice.skeleton.offsets, motion.skeleton.offsets)
+
+
+def test_without_sides_there_is_no_image(small_motion):
+    with pytest.raises(MotionError, match="none of 7 nodes .* expected names such as LeftFoot and RightFoot"):
+        mirrored(small_motion)
+    uneven = Skeleton(("Hips", "LeftArm", "RightArm", "LeftHand", "RightHand"), (-1, 0, 0, 1, 1), np.zeros((5, 3)))
+    with pytest.raises(MotionError, match="'LeftHand' hangs from 'LeftArm', but 'RightHand' from 'LeftArm'"):
+        other_side(uneven)
+
+
+@pytest.mark.parametrize("left, right", [("UpperLeg_L", "UpperLeg_R"), ("lfemur", "rfemur"), ("LeftToe", "RightToe")])
+def test_sides_are_told_by_the_names_of_each_studio(left, right):
+    skeleton = Skeleton(("root", "lowerback", left, right), (-1, 0, 0, 0), np.zeros((4, 3)))
+    assert other_side(skeleton) == [0, 1, 3, 2]
+
+
+def test_training_sees_every_clip_twice():
+    """--mirror: the windows are of both, and the provenance counts the clips once."""
+    recipe = Recipe("vae-lstm", "samples/walking", hidden=8, batch=256, length=40, steps=1, mirror=True)
+    trainer = trainer_for(recipe)
+    seen = trainer.batches.normalizer.invert(trainer.batches.sample())[..., 63:].reshape(-1, 3).numpy()
+    plain = trainer_for(Recipe("vae-lstm", "samples/walking", hidden=8, batch=256, length=40, steps=1))
+    one_sided = plain.batches.normalizer.invert(plain.batches.sample())[..., 63:].reshape(-1, 3).numpy()
+    assert abs(seen[:, 0].mean()) < abs(one_sided[:, 0].mean()) / 2, "turning is even"
+    assert Recipe.from_dict(recipe.to_dict()) == recipe

@@ -1,0 +1,69 @@
+"""A motion seen in a mirror: who turned left turns right. For augmentation, and to ask whether a gait is even."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import MotionError
+from .clip import Motion
+from .skeleton import Skeleton
+
+# How the known skeletons call the two sides: at the beginning of a name, or at its end.
+_BEGINNINGS = (("Left", "Right"), ("l", "r"))
+_ENDS = (("_L", "_R"),)
+_ACROSS = np.array([-1.0, 1.0, 1.0])  # of a place or a bone
+_TURNED = np.array([1.0, 1.0, -1.0, -1.0])  # of a quaternion: M R M for the mirror M
+
+
+def mirrored(motion: Motion) -> Motion:
+    """``motion`` mirrored at the plane x = 0, left joints in the place of right ones: who faced +z still does.
+
+    Its skeleton is the mirror image of the motion's, which is the same where a body is even. Mirrored twice it is the
+    motion again. Raises ``MotionError`` for a skeleton whose joints are not told apart by left and right.
+    """
+    other = other_side(motion.skeleton)
+    skeleton = motion.skeleton
+    image = Skeleton(
+        skeleton.names,
+        skeleton.parents,
+        skeleton.offsets[other] * _ACROSS,
+        tuple(skeleton.orders[j] for j in other),
+        skeleton.end_sites,
+    )
+    rotations = None if motion.rotations is None else motion.rotations[:, other] * _TURNED
+    return Motion(image, motion.fps, motion.positions[:, other] * _ACROSS, rotations, motion.name)
+
+
+def other_side(skeleton: Skeleton) -> list[int]:
+    """For each node the one on the other side, by its name; a node in the middle is its own.
+
+    Raises ``MotionError`` where there are no sides, or where they do not hang together alike.
+    """
+    index = {name: j for j, name in enumerate(skeleton.names)}
+    other = [next((index[n] for n in _swapped(name) if n in index), j) for j, name in enumerate(skeleton.names)]
+    if other == list(range(len(other))):
+        raise MotionError(
+            f"no mirror image: none of {len(other)} nodes ({', '.join(skeleton.names[:4])}, ...) is told to be left or "
+            "right; expected names such as LeftFoot and RightFoot"
+        )
+    for j, parent in enumerate(skeleton.parents):
+        if parent >= 0 and (other[other[j]] != j or skeleton.parents[other[j]] != other[parent]):
+            raise MotionError(
+                f"no mirror image: {skeleton.names[j]!r} hangs from {skeleton.names[parent]!r}, but "
+                f"{skeleton.names[other[j]]!r} from {skeleton.names[skeleton.parents[other[j]]]!r}"
+            )
+    return other
+
+
+def _swapped(name: str) -> list[str]:
+    """What the same joint of the other side may be called."""
+    found = []
+    for left, right in _BEGINNINGS:
+        for a, b in ((left, right), (right, left)):
+            if name.startswith(a):
+                found.append(b + name.removeprefix(a))
+    for left, right in _ENDS:
+        for a, b in ((left, right), (right, left)):
+            if name.endswith(a):
+                found.append(name.removesuffix(a) + b)
+    return found
