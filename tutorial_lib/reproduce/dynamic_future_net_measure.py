@@ -24,12 +24,13 @@ from ..diversity import (
 from ..generate import SEED_FRAMES, generate_features, prepare_for
 from ..generate_control import generate_control_features
 from ..generate_futures import Futures, generate_futures, reconstruct, reconstruct_sequences
-from ..metrics import foot_joints, foot_skate
+from ..metrics import foot_joints, foot_slide
 from ..models.dynamic_future_net import STAGES
 from ..motion.clip import Motion, settled_positions
 from ..recipes import Recipe, recipe_in, trainer_for
 from ..representations import BodyFrame, Representation
 from ..training.checkpoints import Checkpoint, load_checkpoint, read_header
+from ..view.latent_plot import main_directions
 from .dynamic_future_net_plan import NETWORKS, SHIPPED, Network, Plan, Protocol, name_of, sets_for
 from .failures import Truth, failures
 from .grid import Report, Run, clips_for, one_thread, train
@@ -131,8 +132,8 @@ def stability(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips,
         made = generate_features(checkpoint, prefixes, protocol.frames)
         found[action] = {
             **failures(prefixes, made, representation, truth),
-            "foot_skate": {"generated": _skate(representation, made),
-                           "true": _skate(representation, [representation.encode(m) for m in clips])},
+            "foot_slide": {"generated": _slide(representation, made),
+                           "true": _slide(representation, encoded(representation, clips))},
             "bone_drift": float(max(metrics.bone_length_drift(representation.decode_positions(x),
                                                               representation.skeleton, reduce="max").max()
                                     for x in made)),
@@ -141,11 +142,11 @@ def stability(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips,
     return found, np.concatenate(everything)
 
 
-def _skate(representation: Representation, motions: Sequence[np.ndarray]) -> float:
-    """Centimetres a second, mean over features (T, D); each put on the ground first."""
+def _slide(representation: Representation, motions: Sequence[np.ndarray]) -> float:
+    """Centimetres a step, mean over features (T, D); each put on the ground first. NaN where nothing touches it."""
     feet, fps = foot_joints(representation.skeleton), representation.fps
-    each = (settled_positions(representation.decode_positions(x), fps) for x in motions)
-    return float(np.mean([foot_skate(positions, feet, fps) for positions in each]))
+    each = [foot_slide(settled_positions(representation.decode_positions(x), fps), feet, fps) for x in motions]
+    return float(np.nanmean(each)) if np.isfinite(each).any() else float("nan")
 
 
 # --- copies ---------------------------------------------------------------------------------------
@@ -237,19 +238,12 @@ def _some(values: np.ndarray, count: int) -> np.ndarray:
     return values[np.linspace(0, len(values) - 1, min(count, len(values))).astype(int)]
 
 
-def principal(values: np.ndarray, directions: int = 2) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (C,) and main directions (C, n) of numbers (..., C): section 6.3, "a PCA model"."""
-    flat = values.reshape(-1, values.shape[-1]).astype(np.float64)
-    _, _, rows = np.linalg.svd(flat - flat.mean(0), full_matrices=False)
-    return flat.mean(0), rows[:directions].T
-
-
 def latent_points(made: Futures, protocol: Protocol) -> dict[str, Any]:
     """Figure 8: ``{"z" or "s": {frame: points (n, 2)}}`` of some of the motions."""
     found = {}
     for name, values in (("z", made.made.code), ("s", made.made.current)):
         there = np.stack([values[:, t - 1].numpy() for t in protocol.at])  # (times, K, C)
-        mean, main = principal(there)
+        mean, main = main_directions(there)
         found[name] = {str(t): rounded((x[: protocol.points] - mean) @ main, 3)
                        for t, x in zip(protocol.at, there, strict=True)}  # fmt: skip
     return found
@@ -373,7 +367,7 @@ def latent_paths(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, 
     network, representation = checkpoint.model, checkpoint.representation
     codes = {action: network.pose.encode(torch.from_numpy(encoded(representation, clips[:1])[0])).numpy()
              for action, clips in train_clips.items()}  # fmt: skip
-    mean, main = principal(np.concatenate(list(codes.values())))
+    mean, main = main_directions(np.concatenate(list(codes.values())))
 
     def drawn(path: np.ndarray) -> list:
         return rounded((path - mean) @ main, 3)
