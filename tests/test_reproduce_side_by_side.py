@@ -17,7 +17,7 @@ from tutorial_lib.metrics import PAPER_TIMES_MS
 from tutorial_lib.motion.retarget import to_common
 from tutorial_lib.recipes import Recipe
 from tutorial_lib.representations import make_representation
-from tutorial_lib.reproduce import side_by_side
+from tutorial_lib.reproduce import side_by_side, side_by_side_networks
 from tutorial_lib.reproduce.side_by_side_measure import blocks, errors_of, flaws_of, futures_of, root_speed
 from tutorial_lib.reproduce.side_by_side_plan import DFN, QUICK, SYSTEMS, VAE, Budget, Plan, name_of
 from tutorial_lib.reproduce.side_by_side_rollouts import control_for, go_on, motions_of, placed, windows_of
@@ -338,3 +338,22 @@ def test_a_network_of_another_skeleton_is_refused(made, walks):
     other = dataclasses.replace(walks[0][:SEED], fps=25.0)
     with pytest.raises(MotionError, match="25 frames per second"):
         go_on(load_checkpoint(folder / "lstm.safetensors"), [other], 5)
+
+
+# --- what comes with the library ------------------------------------------------------------------
+
+
+def test_the_committed_result_is_of_captured_motion_and_has_every_system():
+    result, networks = side_by_side.load_result(), side_by_side.load_networks()
+    assert result["data"] == "cmu" and result["quick"] is False and list(networks) == list(SYSTEMS)
+    assert {run["label"] for run in result["runs"].values()} == set(SYSTEMS)
+    assert all(f.ours is not None for f in side_by_side.findings(result))
+    assert "SAMPLE" not in str(side_by_side.tables(result)["side by side"])
+    for label, network in networks.items():
+        run = result["runs"][label]
+        assert (network.system, network.n_parameters) == (run["recipe"]["system"], run["parameters"])
+        assert network.provenance["clips"] == result["splits"]["seed 0"]["train"]
+        assert network.seed_frames is None, "no captured motion"
+        assert run["recipe"] == Plan().recipe(label).to_dict(), "made by the plan as it stands"
+    files = list(side_by_side_networks.NETWORKS.glob("*.safetensors"))
+    assert sum(file.stat().st_size for file in files) < 6e6
