@@ -29,7 +29,7 @@ def results(tmp_path_factory, request):
         jobs = {}
         if "bad" in wanted:
             harmful = {"careless": ("source", {cell: text for cell, (_, text) in BAD.items()}), "other": ("source", {})}
-            jobs["bad"] = pool.submit(grade, "ps1", folder / "bad", harmful, QUICK)
+            jobs["bad"] = pool.submit(grade, "ps1", folder / "bad", harmful, False, ["test-bone"])
         for name in SETS:
             if name in wanted:
                 handed_in = {"blank": ("release", {}), "solved": ("source", {})}
@@ -69,7 +69,7 @@ def test_the_source_is_whole(name):
     assert len(ids) == len(set(ids)), "grade ids must be unique"
     answers = [cell for cell in cells if graded(cell).get("solution")]
     tests = [cell for cell in cells if graded(cell).get("grade")]
-    assert 3 <= len(answers) <= 6 and 3 <= len(WRONG[name])
+    assert 3 <= len(answers) <= 6 and len(WRONG[name]) >= 3
     assert all(SOLUTION in cell.source for cell in answers) and all(HIDDEN in cell.source for cell in tests)
     assert not any(graded(cell).get("solution") and graded(cell).get("grade") for cell in cells), "nothing by hand"
     assert all(not cell.get("outputs") and not cell.get("execution_count") for cell in cells), "outputs tell solutions"

@@ -26,6 +26,7 @@ FLOORS = (
     {"generate_control", "generate_futures"},
     {"walk"},
     {"evaluate", "recipes", "clip_errors", "actions"},
+    {"evaluate_control"},
     {"pretrained"},
     {"view"},
     {"reproduce"},

@@ -27,6 +27,8 @@ from .errors import CheckpointError, DataError, TutorialError
 from .recipes import DEFAULTS, JOINTS, NORMALIZE, Recipe
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from .motion.clip import Motion
     from .training.checkpoints import Checkpoint
     from .training.trainer import Trainer
@@ -419,6 +421,32 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_device(generate)
 
+    walk = add(
+        "walk",
+        _walk,
+        "let a network that follows control walk a path, as BVH files or as a page",
+        'walk --pretrained vae-lstm-samples --path "figure of eight" --pace 1.3 --count 3 -o walkers.html',
+    )
+    _add_weights(walk)
+    walk.add_argument(
+        "--path",
+        required=True,
+        metavar="PATH",
+        help="circle, figure of eight, zigzag, or a file of points: a line each, x and z in metres",
+    )
+    walk.add_argument(
+        "--pace", type=_number(0), default=1.3, metavar="M/S", help="metres a second, where the path is straight"
+        " (default 1.3)",
+    )  # fmt: skip
+    walk.add_argument("--count", type=_whole(1, MOST["count"]), default=1, metavar="K", help="people (default 1)")
+    walk.add_argument("--seed", type=_whole(0, MOST["seed"]), default=0, metavar="S", help="who they are (default 0)")
+    walk.add_argument("--rest", action="store_true", help="begin and end standing")
+    walk.add_argument("--raw", action="store_true", help="as the network gave it: feet are not planted")
+    walk.add_argument(
+        "-o", "--out", required=True, metavar="OUT", help="folder for BVH files, or a page to play (PAGE.html)"
+    )
+    _add_device(walk)
+
     evaluate = add(
         "evaluate",
         _evaluate,
@@ -440,7 +468,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="frames to generate after each seed (default 900)",
     )
-    evaluate.add_argument("--count", type=_whole(1, MOST["count"]), default=20, metavar="K", help="seeds (default 20)")
+    evaluate.add_argument(
+        "--count",
+        type=_whole(1, MOST["count"]),
+        metavar="K",
+        help="seeds (default 20); of a network that follows control, people on each path (default 4)",
+    )
     evaluate.add_argument(
         "--seed", type=_whole(0, MOST["seed"]), default=0, metavar="S", help="chooses them (default 0)"
     )
@@ -949,7 +982,7 @@ def _input_files(name: str) -> list[pathlib.Path]:
 def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     _use_threads(options)
     from .cleanup import clean_up, legs
-    from .generate import choose_seeds, generate_each
+    from .generate import check_predicts, choose_seeds, generate_each
     from .generate_futures import generate_futures
     from .motion.bvh import write_bvh
     from .training.progress import Progress
@@ -959,6 +992,7 @@ def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     out = pathlib.Path(options.out)
     _check_folder(out)
     checkpoint = _open(options)
+    check_predicts(checkpoint)
     stem, digits = checkpoint.path.stem, max(2, len(str(options.count)))
     names = [f"{stem}-{k:0{digits}d}.bvh" for k in range(1, options.count + 1)]
     sources = [] if options.data is None else [options.data]
@@ -993,6 +1027,57 @@ def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     print(f"wrote {len(names)} files of {len(motion)} frames to {options.out}")
 
 
+def _walk(options: argparse.Namespace, _: Sequence[str]) -> None:
+    _use_threads(options)
+    from .control import path_deviation
+    from .motion.bvh import write_bvh
+    from .walk import walk
+
+    _check_named(options.out)
+    out, files = pathlib.Path(options.out), [options.path] if pathlib.Path(options.path).is_file() else []
+    page = out.suffix.lower() in (".html", ".htm")
+    if page:
+        _check_output(options.out, files)
+    else:
+        _check_folder(out)
+    path = _path_of(options.path)
+    checkpoint = _open(options)
+    digits = max(2, len(str(options.count)))
+    names = [f"walk-{k:0{digits}d}.bvh" for k in range(1, options.count + 1)]
+    _check_not_input([out] if page else [out / name for name in names], [str(checkpoint.path), *files])
+    motions = walk(
+        checkpoint, path, options.pace, count=options.count, seed=options.seed, clean=not options.raw, rest=options.rest
+    )
+    away = [path_deviation(motion, path) for motion in motions]
+    if page:
+        from .view import show
+
+        show(motions, layout="as is").save(out)
+    else:
+        with _whole_folder(out) as folder:
+            for name, motion in zip(names, motions, strict=True):
+                write_bvh(motion, folder / name)
+    many = "1 file" if len(names) == 1 else f"{len(names)} files"
+    told = f"wrote {out}" if page else f"wrote {many} to {out}"
+    mean, most = sum(d.mean for d in away) / len(away), max(d.max for d in away)
+    print(
+        f"{told}: {motions[0].duration:.1f} s each, {100 * mean:.1f} cm from the path on average, "
+        f"{100 * most:.1f} at most"
+    )
+
+
+def _path_of(name: str) -> np.ndarray:
+    """A prepared path, or the points in a file."""
+    from .motion.ground import prepared_path, read_path
+
+    if pathlib.Path(name).is_file():
+        return read_path(name)
+    try:
+        return prepared_path(name)
+    except TutorialError as error:
+        raise DataError(f"{error}, or a file of points, x and z in metres, a line each") from None
+
+
 def _data_of(checkpoint: Checkpoint) -> list[str]:
     """The data sets that a checkpoint was trained on."""
     from .pretrained import data_names
@@ -1024,9 +1109,11 @@ def _seed_clips(checkpoint: Checkpoint, names: Sequence[str]) -> list[Motion] | 
 
 def _evaluate(options: argparse.Namespace, _: Sequence[str]) -> None:
     _use_threads(options)
+    from . import evaluate_control
     from .atomic import atomic_write
     from .evaluate import evaluate, summary, unseen
     from .recipes import load_clips
+    from .training.systems import SYSTEMS
 
     if options.json is not None:
         inputs = [options.data] if options.checkpoint is None else [options.checkpoint, options.data]
@@ -1034,9 +1121,16 @@ def _evaluate(options: argparse.Namespace, _: Sequence[str]) -> None:
     checkpoint = _open(options)
     clips = load_clips(options.data)
     clips = unseen(checkpoint, clips) or clips
-    result = evaluate(checkpoint, clips, count=options.count, frames=options.frames, seed=options.seed, progress=True)
+    if SYSTEMS[checkpoint.system].controlled:
+        count = 4 if options.count is None else options.count
+        result = evaluate_control.evaluate_control(checkpoint, clips, count=count, seed=options.seed)
+        lines = evaluate_control.summary(result)
+    else:
+        count = 20 if options.count is None else options.count
+        result = evaluate(checkpoint, clips, count=count, frames=options.frames, seed=options.seed, progress=True)
+        lines = summary(result)
     result = {"checkpoint": checkpoint.path.name, "data": options.data, **result}
-    print("\n".join(summary(result)))
+    print("\n".join(lines))
     if options.json is not None:
         with atomic_write(options.json) as temporary:
             temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
@@ -1054,10 +1148,12 @@ def _pretrained_list(options: argparse.Namespace, _: Sequence[str]) -> None:
 
 def _pretrained_publish(options: argparse.Namespace, _: Sequence[str]) -> None:
     _use_threads(options)
+    from . import evaluate_control
     from .evaluate import summary
     from .pretrained import FOLDER
     from .pretrained.publish import publish
     from .training.checkpoints import read_header
+    from .training.systems import SYSTEMS
     from .training.trainer import usable_device
 
     folder = pathlib.Path(FOLDER if options.out is None else options.out)
@@ -1073,9 +1169,12 @@ def _pretrained_publish(options: argparse.Namespace, _: Sequence[str]) -> None:
         device=usable_device(options.device),
         progress=True,
     )
-    origin = read_header(file)["provenance"]
-    print("\n".join(summary(origin["metrics"])))
-    print(f"own seeds           {origin['seeds']['count']} of {origin['seeds']['frames']} frames")
+    header = read_header(file)
+    origin = header["provenance"]
+    controlled = SYSTEMS[header["system"]].controlled
+    print("\n".join((evaluate_control.summary if controlled else summary)(origin["metrics"])))
+    if not controlled:
+        print(f"own seeds           {origin['seeds']['count']} of {origin['seeds']['frames']} frames")
     print(f"wrote {file} ({file.stat().st_size / 1e6:.2f} MB)")
 
 

@@ -1,10 +1,15 @@
 """The course: ``nbgrader generate_assignment ps1`` and the like, run in this folder, read this file."""
 
+import os
+import pathlib
+import sys
+
 from jupyter_core.utils import run_sync
 from nbclient.exceptions import DeadKernelError
 from nbformat.v4 import new_output
 from nbgrader.converters import Autograde
 from nbgrader.preprocessors import Execute
+from traitlets import Bool
 
 MOST_OUTPUT = 500_000  # characters of a cell that are kept; what it prints beyond is thrown away as it comes
 
@@ -14,8 +19,13 @@ class ExecuteToTheEnd(Execute):
 
     nbgrader's own stops a cell that takes too long, and gives the whole submission up when the kernel dies, cannot be
     interrupted or prints without end. Here the kernel is started again then, and the next task goes on in a fresh one:
-    every task of the problem sets begins with its own imports.
+    every task of the problem sets begins with its own imports. And a warning is no wrong answer: nbgrader takes
+    whatever a test writes to standard error for a failure.
     """
+
+    warnings_cost = Bool(False, help="Whether what is written to standard error costs the points of a test.").tag(
+        config=True
+    )
 
     def preprocess_cell(self, cell, resources, index):
         self._printed = 0
@@ -37,6 +47,8 @@ class ExecuteToTheEnd(Execute):
         content = msg["content"]
         if msg["msg_type"] == "stream":
             size = len(content["text"])
+            if not self.warnings_cost:
+                content["name"] = "stdout"
         elif msg["msg_type"] in ("display_data", "execute_result", "update_display_data"):
             size = sum(len(str(value)) for value in content["data"].values())
         else:
@@ -62,6 +74,10 @@ class ExecuteToTheEnd(Execute):
         run_sync(self.km.restart_kernel)(now=True)
         run_sync(self.kc.wait_for_ready)(timeout=self.startup_timeout)
 
+
+TOOLS = str(pathlib.Path(sys.executable).parent)
+if TOOLS not in os.environ.get("PATH", "").split(os.pathsep):  # nbgrader calls alembic by its name alone
+    os.environ["PATH"] = os.pathsep.join([TOOLS, os.environ.get("PATH", "")])
 
 c = get_config()  # noqa: F821 (nbgrader defines it)
 

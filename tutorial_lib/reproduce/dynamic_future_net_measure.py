@@ -328,7 +328,8 @@ def vae_fan(checkpoint: Checkpoint, test_clips: Clips, protocol: Protocol) -> di
 def changes(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol: Protocol) -> dict[str, Any]:
     """How often one action becomes another in motions of 600 frames, a quarter of them begun with each."""
     representation = checkpoint.representation
-    classifier = train_classifier({action: encoded(representation, clips) for action, clips in train_clips.items()})
+    known = {action: encoded(representation, clips) for action, clips in train_clips.items()}
+    classifier = train_classifier(known, steps=protocol.lessons)
     prefixes = [prefixes_of(representation, clips, max(1, min(protocol.many // len(test_clips), sum(
                     max(0, len(m) - protocol.prefix + 1) for m in clips))), protocol.prefix)
                 for clips in test_clips.values()]  # fmt: skip

@@ -90,6 +90,7 @@ class Protocol:
     paths: int = 8  # in figure 7
     many: int = 256  # motions in which changes of action are counted
     many_frames: int = 600
+    lessons: int = 300  # training steps of the classifier that tells actions
     window: int = 30  # frames that are looked for among the data
     similar: int = 8  # places of the data that begin alike
 
@@ -185,7 +186,7 @@ def first_seconds(clips: list[Motion], seconds: float) -> list[Motion]:
 QUICK = {
     "budget": Budget(steps=4, hidden=8, batch=8, length=24),
     "protocol": Protocol(stable=3, frames=60, fan=24, fan_frames=32, at=(8, 32), pairs=16, points=10, paths=3, many=8,
-                         many_frames=45, window=10, similar=3),
+                         many_frames=45, lessons=20, window=10, similar=3),
     "small": {"vae-lstm": {"filters": 4, "kernel": 5}},
     "quick": True,
 }  # fmt: skip
