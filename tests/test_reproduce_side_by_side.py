@@ -17,7 +17,7 @@ from tutorial_lib.metrics import PAPER_TIMES_MS
 from tutorial_lib.motion.retarget import to_common
 from tutorial_lib.recipes import Recipe
 from tutorial_lib.representations import make_representation
-from tutorial_lib.reproduce import side_by_side, side_by_side_networks
+from tutorial_lib.reproduce import side_by_side
 from tutorial_lib.reproduce.side_by_side_measure import blocks, errors_of, flaws_of, futures_of, root_speed
 from tutorial_lib.reproduce.side_by_side_plan import DFN, QUICK, SYSTEMS, VAE, Budget, Plan, name_of
 from tutorial_lib.reproduce.side_by_side_rollouts import control_for, go_on, motions_of, placed, windows_of
@@ -150,7 +150,10 @@ def test_a_statue_that_glides(walks):
     still = np.repeat(walks[0].resample(30.0).positions[None, :1], 91, axis=1)
     way = np.arange(91)[:, None, None] / 30 * np.array([0.3, 0.0, 0.0])
     found = flaws_of(still + way, walks[0].skeleton, 30.0)
-    assert found["foot_skate"] == pytest.approx(30.0, rel=1e-3) and found["bones"] == pytest.approx(0.0, abs=1e-9)
+    assert found["foot_slide"] == pytest.approx(30 * 3, rel=1e-3), "one step of three seconds"
+    assert found["steps"] == 1.0 and found["bones"] == pytest.approx(0.0, abs=1e-9)
+    flying = flaws_of(still + 10 * way, walks[0].skeleton, 30.0)  # too fast to stand
+    assert flying["steps"] == 0.0 and np.isnan(flying["foot_slide"])
     assert root_speed(still + way, 30.0) == pytest.approx(0.3)
     grown = still * (1 + 0.1 * (np.arange(91) > 45)[:, None, None])
     assert flaws_of(grown, walks[0].skeleton, 30.0)["bones"] == pytest.approx(10 * 45 / 91, rel=1e-3)
@@ -275,7 +278,11 @@ def test_a_run_that_is_not_finite_has_gaps_in_the_table(made):
     _, _, result = made
     broken = json.loads(json.dumps(result))
     run = broken["runs"]["seq2seq"]
-    run["error"], run["flaws"], run["moves"] = [1.0] + [None] * 7, {"foot_skate": None, "bones": None}, [None]
+    run["error"], run["flaws"], run["moves"] = (
+        [1.0] + [None] * 7,
+        {"foot_slide": None, "steps": 0.0, "bones": None},
+        [None],
+    )
     rows = next(iter(side_by_side.tables(broken)["side by side"].groups.values()))
     (cells,) = ([text for text, _ in numbers] for name, _, numbers in rows if name == "seq2seq")
     assert cells[0] == "1.0" and cells[1:4] == ["–"] * 3 and cells[6:8] == ["–"] * 2
@@ -338,22 +345,3 @@ def test_a_network_of_another_skeleton_is_refused(made, walks):
     other = dataclasses.replace(walks[0][:SEED], fps=25.0)
     with pytest.raises(MotionError, match="25 frames per second"):
         go_on(load_checkpoint(folder / "lstm.safetensors"), [other], 5)
-
-
-# --- what comes with the library ------------------------------------------------------------------
-
-
-def test_the_committed_result_is_of_captured_motion_and_has_every_system():
-    result, networks = side_by_side.load_result(), side_by_side.load_networks()
-    assert result["data"] == "cmu" and result["quick"] is False and list(networks) == list(SYSTEMS)
-    assert {run["label"] for run in result["runs"].values()} == set(SYSTEMS)
-    assert all(f.ours is not None for f in side_by_side.findings(result))
-    assert "SAMPLE" not in str(side_by_side.tables(result)["side by side"])
-    for label, network in networks.items():
-        run = result["runs"][label]
-        assert (network.system, network.n_parameters) == (run["recipe"]["system"], run["parameters"])
-        assert network.provenance["clips"] == result["splits"]["seed 0"]["train"]
-        assert network.seed_frames is None, "no captured motion"
-        assert run["recipe"] == Plan().recipe(label).to_dict(), "made by the plan as it stands"
-    files = list(side_by_side_networks.NETWORKS.glob("*.safetensors"))
-    assert sum(file.stat().st_size for file in files) < 6e6
