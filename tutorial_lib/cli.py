@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from .motion.clip import Motion
     from .training.checkpoints import Checkpoint
+    from .training.trainer import Trainer
 
 PROGRAM = "python -m tutorial_lib"
 
@@ -64,6 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = _parser().parse_args(arguments)
         with warnings.catch_warnings():
             warnings.showwarning = _note
+            _check_launcher(options)
             return options.run(options, arguments) or 0
     except BrokenPipeError:  # the reader of a pipe has seen enough
         with contextlib.suppress(OSError):
@@ -86,6 +88,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         return 130
+
+
+def _check_launcher(options: argparse.Namespace) -> None:
+    """Several processes of any other command would write the same files."""
+    if options.run is not _train and int(os.environ.get("WORLD_SIZE", 1)) > 1 and "TORCHELASTIC_RUN_ID" in os.environ:
+        raise TutorialError("only train runs on the processes of torchrun; start this command without it")
 
 
 def _print_error(error: Exception) -> None:
@@ -544,8 +552,47 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="of the VAE-LSTM (default 400); the baselines, whose steps are cheaper, have two to four times as many",
     )
-    for paper in (acrnn, vae):
-        _add_reproduce(paper)
+
+    future = papers.add_parser(
+        "dynamic-future-net",
+        help="diversified motion: figures 6 to 9, stability, changes of action, limited data, ablations",
+        description="Train the Dynamic Future Net on four kinds of motion, together and each alone, with less data and "
+        "with parts cut out, as far as they are missing, and measure how stable and how different its motions are. "
+        "Can be stopped at any moment; called again, it goes on.",
+        epilog=f"example: {PROGRAM} reproduce dynamic-future-net --data DIR --runs runs/dfn --jobs 2",
+    )
+    future.set_defaults(run=_reproduce_dynamic_future_net)
+    _add_places(
+        future,
+        "dynamic-future-net",
+        "folder with cmu/walking, cmu/running, cmu/martial and cmu/indian, or: samples (default: where data list finds "
+        "the clips, else the samples)",
+    )
+    future.add_argument(
+        "--steps",
+        type=_whole(3, MOST["steps"]),
+        metavar="N",
+        help="of a network of one action (default 800); one of all four has twice as many",
+    )
+
+    every = papers.add_parser(
+        "side-by-side",
+        help="every system on the same clips, split and skeleton, in one table",
+        description="Train every system of the library on the same clips for about the same time, as far as they are "
+        "missing, measure all alike, and print one table. Can be stopped at any moment; called again, it goes on.",
+        epilog=f"example: {PROGRAM} reproduce side-by-side --data DIR --runs runs/side-by-side --jobs 2",
+    )
+    every.set_defaults(run=_reproduce_side_by_side)
+    _add_places(
+        every,
+        "side-by-side",
+        "folder with cmu/walking, or: samples (default: where data list finds the clips, else the samples)",
+        "side_by_side.json and its networks",
+    )
+    for size, what in (("steps", "of LSTM-3LR; the others have as many as take as long"), ("hidden", "cells a layer")):
+        every.add_argument(f"--{size}", type=_whole(10 if size == "steps" else 1, MOST[size]), metavar="N", help=what)
+    for paper in (acrnn, vae, future, every):
+        _add_reproduce(paper, tunes=paper in (acrnn, vae), seeded=paper is not future)
 
     benchmark = add(
         "benchmark",
@@ -582,17 +629,18 @@ def _add_weights(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_places(paper: argparse.ArgumentParser, name: str, data: str) -> None:
-    """Where a paper's command reads from and writes to; ``data``: the help of its --data."""
+def _add_places(paper: argparse.ArgumentParser, name: str, data: str, written: str = "") -> None:
+    """Where a paper's command reads from and writes to; data: the help of its --data; written: what it writes."""
     runs = f"for the checkpoints (default runs/{name}, of samples runs/{name}-samples)"
-    result = f"for {name.replace('-', '_')}.json and the figures (default: that of the runs)"
+    written = written or f"{name.replace('-', '_')}.json and the figures"
+    result = f"for {written} (default: that of the runs)"
     paper.add_argument("--data", metavar="DIR", help=data)
     paper.add_argument("--runs", metavar="FOLDER", help=runs)
     paper.add_argument("--out", metavar="FOLDER", help=result)
 
 
-def _add_reproduce(paper: argparse.ArgumentParser) -> None:
-    """What every paper's command has."""
+def _add_reproduce(paper: argparse.ArgumentParser, tunes: bool, seeded: bool) -> None:
+    """What every paper's command has; ``seeded``: also seeds of training; ``tunes``: also a choice of rates."""
     paper.add_argument(
         "--jobs",
         type=_whole(1, MOST["threads"]),
@@ -600,10 +648,12 @@ def _add_reproduce(paper: argparse.ArgumentParser) -> None:
         metavar="N",
         help="runs trained side by side, each with one thread (default 2)",
     )
-    paper.add_argument(
-        "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
-    )
-    paper.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
+    if seeded:
+        paper.add_argument(
+            "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
+        )
+    if tunes:
+        paper.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
     paper.add_argument("--no-train", action="store_true", help="measure the runs that are finished, and train none")
     paper.add_argument("--quick", action="store_true", help="a trial with tiny networks and few steps")
 
@@ -770,12 +820,21 @@ def _data_where(options: argparse.Namespace, _: Sequence[str]) -> None:
 
 def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
     _use_threads(options)
+    from .training.parallel import joined
+
+    with joined() as workers:  # with the other processes, if torchrun has started some
+        trainer = workers.together(lambda: _trainer(options, arguments, workers.device(options.device)))
+        return 0 if trainer is None else _run(trainer)
+
+
+def _trainer(options: argparse.Namespace, arguments: Sequence[str], device: str) -> Trainer | None:
+    """The trainer that is asked for; ``None`` if its run is finished already."""
     from .recipes import sets_of, trainer_for
     from .training.systems import system_kind
     from .training.trainer import usable_device
 
     kind = system_kind(options.system)
-    usable_device(options.device)
+    usable_device(device)
     out = pathlib.Path(options.out)
     given = {field.name: getattr(options, field.name) for field in dataclasses.fields(Recipe)
              if hasattr(options, field.name)}  # fmt: skip
@@ -787,13 +846,13 @@ def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
     resuming = options.resume and out.exists()
     recipe = _recipe_there(out, {**given, **own}) if resuming else Recipe(**given, options=own)
     if recipe is None:
-        return 0
+        return None
     if out.exists() and not resuming:
         _check_replaceable(out)
 
     sets = sets_of(recipe)
     trainer = trainer_for(
-        recipe, out, device=options.device, save_seconds=options.save_seconds, resume=options.resume, sets=sets,
+        recipe, out, device=device, save_seconds=options.save_seconds, resume=options.resume, sets=sets,
         command=f"{PROGRAM} {shlex.join(arguments)}",
     )  # fmt: skip
     train, test = [m for part, _ in sets for m in part], [m for _, part in sets for m in part]
@@ -802,18 +861,22 @@ def _train(options: argparse.Namespace, arguments: Sequence[str]) -> int:
         f"{' + '.join(recipe.data)}: {len(train)} clips to train on ({sum(m.duration for m in train):.0f} s), "
         f"{len(test)} kept out; {features.name}, {features.dim} numbers a frame"
     )
+    return trainer
+
+
+def _run(trainer: Trainer) -> int:
+    out, steps = trainer.path, trainer.config.steps
     if trainer.step:
         print(f"{out}: going on after step {trainer.step}")
     trainer.run()
     if not trainer.finished:
-        print(
-            f"stopped after {trainer.step} of {recipe.steps} steps, saved in {out}; --resume goes on", file=sys.stderr
-        )
+        print(f"stopped after {trainer.step} of {steps} steps, saved in {out}; --resume goes on", file=sys.stderr)
         return 130
-    print(
-        f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB): {trainer.step} steps in {trainer.seconds:.0f} s, "
-        f"loss {trainer.loss:.4g}"
-    )
+    if trainer.path.exists():  # of several processes the first one writes, perhaps on another machine
+        print(
+            f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB): {trainer.step} steps in {trainer.seconds:.0f} s, "
+            f"loss {trainer.loss:.4g}"
+        )
     return 0
 
 
@@ -1115,51 +1178,49 @@ def _pretrained_publish(options: argparse.Namespace, _: Sequence[str]) -> None:
     print(f"wrote {file} ({file.stat().st_size / 1e6:.2f} MB)")
 
 
+def _reproduce_acrnn(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.acrnn import reproduce
+
+    common = _reproduction(options, "steps", "hidden", "batch", "length")
+    reproduce(
+        options.data, styles=options.styles, seeds=options.seeds, grid=options.grid, long=options.long,
+        tuning=options.tune, **common,
+    )  # fmt: skip
+
+
 def _reproduce_vae_lstm(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .reproduce.vae_lstm import reproduce
 
-    _check_reproduce(options)
-    reproduce(
-        options.data,
-        runs=options.runs,
-        out=options.out,
-        jobs=options.jobs,
-        seeds=options.seeds,
-        tuning=options.tune,
-        train_missing=not options.no_train,
-        quick=options.quick,
-        budget={} if options.steps is None else {"steps": options.steps},
-        tell=_tell,
-    )
+    reproduce(options.data, seeds=options.seeds, tuning=options.tune, **_reproduction(options, "steps"))
 
 
-def _check_reproduce(options: argparse.Namespace) -> None:
+def _reproduce_dynamic_future_net(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.dynamic_future_net import reproduce
+
+    reproduce(options.data, **_reproduction(options, "steps"))
+
+
+def _reproduce_side_by_side(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.side_by_side import reproduce
+
+    reproduce(options.data, seeds=options.seeds, **_reproduction(options, "steps", "hidden"))
+
+
+def _reproduction(options: argparse.Namespace, *sizes: str) -> dict[str, Any]:
+    """What all of them are told; ``sizes``: of the budget, as far as they were given."""
     for folder in (options.runs, options.out):
         if folder is not None:
             _check_named(folder)
             _check_folder(pathlib.Path(folder))
-
-
-def _reproduce_acrnn(options: argparse.Namespace, _: Sequence[str]) -> None:
-    from .reproduce.acrnn import reproduce
-
-    _check_reproduce(options)
-    sizes = {name: getattr(options, name) for name in ("steps", "hidden", "batch", "length")}
-    reproduce(
-        options.data,
-        runs=options.runs,
-        out=options.out,
-        jobs=options.jobs,
-        styles=options.styles,
-        seeds=options.seeds,
-        grid=options.grid,
-        long=options.long,
-        tuning=options.tune,
-        train_missing=not options.no_train,
-        quick=options.quick,
-        budget={name: value for name, value in sizes.items() if value is not None},
-        tell=_tell,
-    )
+    return {
+        "runs": options.runs,
+        "out": options.out,
+        "jobs": options.jobs,
+        "train_missing": not options.no_train,
+        "quick": options.quick,
+        "budget": {name: getattr(options, name) for name in sizes if getattr(options, name) is not None},
+        "tell": _tell,
+    }
 
 
 def _tell(line: str) -> None:

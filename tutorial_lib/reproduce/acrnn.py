@@ -150,8 +150,8 @@ def _measured(plan: Plan, folder: pathlib.Path, costs: Costs, *, jobs: int, long
         warnings.simplefilter("ignore")  # of clips that are too short: the training itself will tell
         cost = _whole_cost(plan, runs, left, costs, long_runs=long_runs, jobs=jobs, tell=tell)
     told = Told(runs, left, cost, jobs=jobs, tell=tell)
-    tasks = [(run, folder, plan.protocol, run.name in long_runs) for run in runs]
-    parts = side_by_side(train_and_measure, tasks, jobs=jobs, heard=told)
+    tasks = [(run, folder.absolute(), plan.protocol, run.name in long_runs) for run in runs]
+    parts = side_by_side(train_and_measure, tasks, jobs=jobs, heard=told, folder=folder)
     result = _frame(plan)
     for run, (split, measured, long_one) in zip(runs, parts, strict=True):
         result["splits"][f"{measured['style']} seed {run.recipe.seed}"] = split

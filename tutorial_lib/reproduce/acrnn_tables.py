@@ -191,14 +191,16 @@ def _seed_rows(result: Result, style: str) -> Iterable[tuple[str, np.ndarray]]:
 
 
 def failure_table(result: Result) -> ErrorTable:
-    """Figure 7 in numbers: how many samples fail by each rule, and when the last does, for every run."""
-    protocol = result["protocol"]
+    """Figure 7 in numbers: how many samples fail by each rule, and when the last does; all training seeds together."""
     groups: dict[str, dict[str, list[float | None]]] = {}
-    for name, run in result["runs"].items():
-        groups.setdefault(_title(result, run["style"]), {})[name.split("/")[1]] = _failure_row(run["failures"])
+    for run in result["runs"].values():
+        rows = groups.setdefault(_title(result, run["style"]), {})
+        if run["label"] not in rows:
+            found = [each["failures"] for each in runs_of(result, run["style"], run["label"])]
+            rows[run["label"]] = [sum(f["samples"] for f in found), *_failure_row(*found)]
     return error_table(
-        [*RULES, "any", "latest (s)", "stagnations"], groups, digits=0, best=None,
-        caption=f"Failures in {protocol['seeds']} samples of {protocol['frames']} frames",
+        ["samples", *RULES, "any", "latest (s)", "stagnations"], groups, digits=0, best=None,
+        caption=f"Failures in samples of {result['protocol']['frames']} frames",
     )  # fmt: skip
 
 
@@ -216,10 +218,12 @@ def long_table(result: Result) -> ErrorTable:
     )  # fmt: skip
 
 
-def _failure_row(found: Mapping[str, Any]) -> list[float | None]:
-    latest = found["latest"]
-    counts = [found["rules"][rule]["count"] for rule in RULES]
-    return [*counts, found["count"], None if latest is None else latest["seconds"], found["stagnations"]["count"]]
+def _failure_row(*found: Mapping[str, Any]) -> list[float | None]:
+    """Counts added up, and the latest of all."""
+    counts = [sum(f["rules"][rule]["count"] for f in found) for rule in RULES]
+    latest = [f["latest"]["seconds"] for f in found if f["latest"] is not None]
+    stagnations = sum(f["stagnations"]["count"] for f in found)
+    return [*counts, sum(f["count"] for f in found), max(latest, default=None), stagnations]
 
 
 # --- findings -------------------------------------------------------------------------------------

@@ -113,7 +113,8 @@ def choose_rates(
     tell(f"choosing learning rates, {len(runs)} runs of {each}: {both(told.work_left(), jobs)}")
     if then:
         tell(then)
-    scores = side_by_side(score, [(run, folder, settings) for run in runs], jobs=jobs, heard=told)
+    tasks = [(run, folder.absolute(), settings) for run in runs]
+    scores = side_by_side(score, tasks, jobs=jobs, heard=told, folder=folder)
     record: dict[str, Any] = {"steps": steps[0], "rates": rates, "error": {}, "chosen": {}}
     if len(steps) > 1:
         record["steps"] = {system: run.recipe.steps for (system, *_), run in trials.items()}

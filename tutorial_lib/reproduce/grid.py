@@ -1,46 +1,31 @@
 """Many training runs, one beside the other: what every paper's ``reproduce`` command stands on.
 
-A :class:`Run` is a name and a recipe; its checkpoint is ``FOLDER/name.safetensors``. Runs go to processes of their own,
-each with one torch thread, since small networks gain little from a second one. They can be stopped and
-killed at any moment and are resumed from their last save; a process whose parent is gone saves and ends.
+A :class:`Run` is a name and a recipe; its checkpoint is ``FOLDER/name.safetensors``. Runs go to processes of their own
+(:mod:`.spread`), each with one torch thread, since small networks gain little from a second one. They can be stopped
+and killed at any moment and are resumed from their last save; a process whose parent is gone saves and ends.
 """
 
 from __future__ import annotations
 
-import concurrent.futures
-import contextlib
 import dataclasses
 import functools
-import multiprocessing
-import multiprocessing.connection
 import os
 import pathlib
-import queue
-import signal
-import sys
-import threading
 import time
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
-
-import torch
+from collections.abc import Callable, Mapping, Sequence
 
 from ..data.catalog import DATA
-from ..errors import CheckpointError, DataError, TutorialError
+from ..errors import CheckpointError, DataError
 from ..motion.clip import Motion
 from ..recipes import Recipe, differences, recipe_in, sets_of, trainer_for
 from ..training.checkpoints import read_header
 from ..training.trainer import Trainer, TrainingError
+from .spread import Report, Stopped, one_thread
+from .spread import side_by_side as side_by_side
 
 Clips = Sequence[tuple[list[Motion], list[Motion]]]  # what recipes.sets_of gives
-Report = Callable[[str, int], None]  # a run's name and the steps that it has done; raises Stopped when it is to stop
 
 SAVE_SECONDS = 60.0
-
-
-class Stopped(KeyboardInterrupt):
-    """Work that was told to stop, by Ctrl-C or because another run failed; what was done is saved."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,110 +116,6 @@ def seconds_a_step(recipe: Recipe, sets: Clips, trial: float = 0.6) -> float:
         while trainer.step < first + 3 or time.monotonic() - start < trial:
             trainer.run(progress=False, live_plot=False, max_seconds=0)
         return (time.monotonic() - start) / (trainer.step - first)
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Torch computes with one thread inside the block, so that a result does not depend on the number of cores."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-# --- side by side ---------------------------------------------------------------------------------
-
-
-def side_by_side(
-    function: Callable[..., Any], tasks: Sequence[tuple], *, jobs: int, heard: Report | None = None
-) -> list[Any]:
-    """``function(*task, report)`` for each task, at most ``jobs`` at a time, with one torch thread each.
-
-    With one job they run in this process, one after another; else in processes of their own, to which
-    function and tasks are sent (so the function must be one of a module). ``heard`` is called here with what the
-    tasks report. Returns the results in the tasks' order. The first error, or Ctrl-C, stops all others as
-    soon as they report again and is raised.
-    """
-    if jobs < 1:
-        raise TutorialError(f"the number of jobs must be 1 or more, not {jobs}")
-    heard = heard or (lambda name, step: None)
-    if jobs == 1 or len(tasks) <= 1:
-        with one_thread():
-            return [function(*task, heard) for task in tasks]
-    context = multiprocessing.get_context("spawn")  # a fork would copy torch's threads half way through their work
-    reports, stop = context.Queue(), context.Event()
-    pool = concurrent.futures.ProcessPoolExecutor(
-        min(jobs, len(tasks)), context, initializer=_begin, initargs=(reports, stop)
-    )
-    try:
-        futures = [pool.submit(_work, function, task) for task in tasks]
-        waiting = set(futures)
-        while waiting:
-            done, waiting = concurrent.futures.wait(
-                waiting, timeout=0.2, return_when=concurrent.futures.FIRST_COMPLETED
-            )
-            with contextlib.suppress(queue.Empty):
-                while True:
-                    heard(*reports.get_nowait())
-            for future in done:
-                future.result()  # raises what the task raised
-        return [future.result() for future in futures]
-    except concurrent.futures.process.BrokenProcessPool:
-        raise TutorialError(
-            "a training process ended unexpectedly, perhaps for lack of memory; call again to go on, with fewer jobs"
-        ) from None
-    finally:
-        stop.set()
-        pool.shutdown(cancel_futures=True)
-
-
-_reports: Any = None  # of a process that side_by_side started: where it reports to,
-_stop: Any = None  # and what it is told to stop by
-
-
-def _begin(reports: Any, stop: Any) -> None:
-    global _reports, _stop
-    _reports, _stop = reports, stop
-    torch.set_num_threads(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it and says stop
-    warnings.showwarning = _Notes()
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-class _Notes:
-    """Warnings as one line each; every run of a style would tell the same ones."""
-
-    def __init__(self):
-        self._told: set[str] = set()
-
-    def __call__(self, message, *_, **__) -> None:
-        if str(message) not in self._told:
-            self._told.add(str(message))
-            print(f"note: {message}", file=sys.stderr, flush=True)
-
-
-def _end_with_parent() -> None:
-    multiprocessing.connection.wait([multiprocessing.parent_process().sentinel])
-    _stop.set()
-    time.sleep(15)  # for a last save
-    os._exit(1)
-
-
-def _work(function: Callable[..., Any], task: tuple) -> Any:
-    last = 0.0
-
-    def report(name: str, step: int) -> None:
-        nonlocal last
-        if _stop.is_set():
-            raise Stopped
-        now = time.monotonic()
-        if now - last >= 1.0:
-            last = now
-            _reports.put((name, step))
-
-    return function(*task, report)
 
 
 # --- what is told meanwhile -----------------------------------------------------------------------

@@ -125,7 +125,8 @@ def _measured(plan: Plan, folder: pathlib.Path, costs: Costs, *, jobs: int, trai
         warnings.simplefilter("ignore")  # of clips that are too short: the training itself will tell
         cost = whole_cost(runs, left, cost_of, sizes=sizes, jobs=jobs, kind=name_of, tell=tell)
     told = Told(runs, left, cost, jobs=jobs, tell=tell)
-    parts = side_by_side(train_and_measure, [(run, folder, plan.protocol) for run in runs], jobs=jobs, heard=told)
+    tasks = [(run, folder.absolute(), plan.protocol) for run in runs]
+    parts = side_by_side(train_and_measure, tasks, jobs=jobs, heard=told, folder=folder)
     result = _frame(plan)
     for run, (split, measured, more) in zip(runs, parts, strict=True):
         seed = f"seed {run.recipe.seed}"

@@ -18,6 +18,7 @@ from torch import Tensor, nn
 
 from ..errors import CheckpointError, TutorialError
 from .checkpoints import load_state, provenance, save_checkpoint
+from .parallel import workers
 from .progress import LivePlot, Progress
 from .stages import Stage, stage_ends
 from .systems import System
@@ -105,6 +106,9 @@ class Trainer:
         an uninterrupted one bit for bit (with the same number of threads).
     settings : further values to keep in the checkpoint's ``training`` (batch, length, ...), not interpreted.
 
+    Where ``torchrun`` has started several processes that are joined (:mod:`.parallel`), each of them makes its trainer
+    in the same way; together they train one network, each on its share of every batch, and the first one writes.
+
     Nothing global is changed: what the loss draws comes from a generator of the trainer's own, and
     torch's global generator (which dropout uses) is set inside :meth:`run` only and put back after it.
     """
@@ -147,6 +151,9 @@ class Trainer:
         self._rng = torch.Generator().manual_seed(self.config.seed)
         self._global_rng = {"cpu": torch.Generator().manual_seed(self.config.seed).get_state()}
         self._good: list[Tensor] | None = None
+        self._workers = workers()
+        if isinstance(size := getattr(batches, "batch", None), int):
+            self._workers.check_batch(size)
 
     @property
     def model(self) -> nn.Module:
@@ -230,9 +237,11 @@ class Trainer:
         start = last_save = time.monotonic()
         before = self.seconds
         bar = plot = None
+        progress, live_plot = progress and self._workers.first, live_plot and self._workers.first
+        self._workers.same_weights(self.model)
         try:
             with self._own_global_rng(), _deferred_interrupt() as interrupt:
-                while not self.finished and not interrupt:
+                while not self.finished:
                     if bar is None:
                         self._enter_stage()
                         steps = self.stage_steps(self._stage)
@@ -256,7 +265,8 @@ class Trainer:
                         self._remember_global_rng()  # it may save
                         callback(self)
                         self.model.train()  # it may have generated something
-                    if max_seconds is not None and now - start >= max_seconds:
+                    over = max_seconds is not None and now - start >= max_seconds
+                    if self._workers.any(bool(interrupt) or over):
                         break
                     if not self.finished and (ended or now - last_save >= self.save_seconds):
                         self._remember_global_rng()
@@ -305,12 +315,16 @@ class Trainer:
         """One step of gradient descent; returns the loss. Nothing changes if it is not finite."""
         config, steps = self.config, self.stage_steps(self._stage)
         done = self.step - steps.start  # of this stage
-        result = self.stage.loss(self.model, self._sample(), self._rng, done / max(1, len(steps) - 1))
+        share = self._workers.share(self._sample())
+        with self._workers.drawing():
+            result = self.stage.loss(self.model, share, self._rng, done / max(1, len(steps) - 1))
         loss, terms = result if isinstance(result, tuple) else (result, {})
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
+        self._workers.average_gradients(self._parameters)
         norm = nn.utils.clip_grad_norm_(self._parameters, config.clip or math.inf)
-        values = torch.stack([loss.detach(), norm, *(term.detach() for term in terms.values())]).tolist()
+        values = torch.stack([loss.detach(), norm, *(term.detach() for term in terms.values())])
+        values = self._workers.average(values).tolist()
         if not (math.isfinite(values[0]) and math.isfinite(values[1])):
             self._stop(
                 "loss" if not math.isfinite(values[0]) else "gradient's norm",
@@ -353,7 +367,7 @@ class Trainer:
 
     def save(self, *, half: bool = False) -> None:
         """Write the checkpoint now; an unfinished one carries what :meth:`resume` needs."""
-        if self.path is None:
+        if self.path is None or not self._workers.first:
             return
         unfinished = not self.finished and not self._stopped
         status = self._stopped or ("unfinished" if unfinished else "finished")
