@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+import hashlib
+import json
 import pathlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +25,7 @@ from ..diversity import (
     pairwise_distance,
     windows_of,
 )
+from ..evaluate import jsonable
 from ..generate import SEED_FRAMES, generate_features, prepare_for
 from ..generate_control import generate_control_features
 from ..generate_futures import Futures, generate_futures, reconstruct, reconstruct_sequences
@@ -34,7 +39,7 @@ from ..view.latent_plot import main_directions
 from .dynamic_future_net_plan import NETWORKS, SHIPPED, Network, Plan, Protocol, name_of, sets_for
 from .failures import Truth, failures
 from .grid import Report, Run, clips_for, one_thread, train
-from .results import rounded
+from .results import rounded, write_result
 
 CURVE = 4  # frames between those at which a band is kept
 DATA_POSES = 4000  # of each action, from which the data's band is taken
@@ -47,15 +52,36 @@ def train_and_measure(run: Run, folder: pathlib.Path, plan: Plan, report: Report
     """A run trained to its end, and its entry in the result."""
     sets = sets_for(run)
     train(run, folder, report, sets)
-    entry = entry_of(load_checkpoint(run.path(folder)), run.recipe, name_of(run), sets, plan.protocol)
+    path = run.path(folder)
+    entry = kept(path, path.with_suffix(".json"), plan.protocol,
+                 lambda: entry_of(load_checkpoint(path), run.recipe, name_of(run), sets, plan.protocol))  # fmt: skip
     report(run.name, run.recipe.steps + 1)
     return entry
 
 
-def measure_published(name: str, protocol: Protocol, report: Report) -> dict[str, Any]:
+def measure_published(name: str, folder: pathlib.Path, protocol: Protocol, report: Report) -> dict[str, Any]:
     """The entry of weights that come with the library, on the clips that were kept out when they were trained."""
-    recipe = recipe_in(read_header(pretrained.path(name)))
-    return entry_of(pretrained.load(name), recipe, SHIPPED, clips_for(recipe), protocol)
+    path = pretrained.path(name)
+    recipe = recipe_in(read_header(path))
+    return kept(path, folder / f"{name}.json", protocol,
+                lambda: entry_of(pretrained.load(name), recipe, SHIPPED, clips_for(recipe), protocol))  # fmt: skip
+
+
+def kept(weights: pathlib.Path, path: pathlib.Path, protocol: Protocol,
+         measured: Callable[[], dict[str, Any]]) -> dict[str, Any]:  # fmt: skip
+    """What was measured of the same weights in the same way, if ``path`` has it; else it is measured and kept there.
+
+    Thousands of motions take minutes of each network: a command that was stopped need not make them again.
+    """
+    asked = {"weights": hashlib.sha256(weights.read_bytes()).hexdigest(),
+             "protocol": jsonable(dataclasses.asdict(protocol))}  # fmt: skip
+    with contextlib.suppress(OSError, ValueError, TypeError):
+        there = json.loads(path.read_text(encoding="utf-8"))
+        if {key: there.get(key) for key in asked} == asked and isinstance(there.get("entry"), dict):
+            return there["entry"]
+    entry = jsonable(measured())
+    write_result({**asked, "entry": entry}, path)
+    return entry
 
 
 def entry_of(checkpoint: Checkpoint, recipe: Recipe, name: str, sets: Sequence[tuple[list[Motion], list[Motion]]],

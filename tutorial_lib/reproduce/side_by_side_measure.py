@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import pathlib
 import time
 from collections.abc import Sequence
@@ -127,13 +128,16 @@ def errors_of(made: np.ndarray, truth: np.ndarray, fps: float) -> dict[str, Any]
 def flaws_of(positions: np.ndarray, skeleton: Skeleton, fps: float) -> dict[str, float]:
     """What is wrong with motions ``(K, T, J, 3)``.
 
-    ``foot_skate``: cm/s of standing feet, each motion put on the ground first. ``bones``: how much bones change their
-    length, per cent against the motion's own first frame.
+    ``foot_slide``: cm that a standing foot slides in one step, each motion put on the ground first; mean over the
+    motions that set a foot on it, whose share is ``steps``. ``bones``: how much bones change their length, per
+    cent against the motion's own first frame.
     """
     feet = metrics.foot_joints(skeleton)
-    skates = [float(metrics.foot_skate(settled_positions(x, fps), feet, fps)) for x in positions]
+    slides = np.array([float(metrics.foot_slide(settled_positions(x, fps), feet, fps)) for x in positions])
+    walk = np.isfinite(slides)
     return {
-        "foot_skate": float(np.mean(skates)),
+        "foot_slide": float(slides[walk].mean()) if walk.any() else math.nan,
+        "steps": float(walk.mean()),
         "bones": 100 * float(metrics.bone_length_drift(positions, skeleton, reference="first").mean()),
     }
 

@@ -20,7 +20,7 @@ RESULT = RESULTS / "side_by_side.json"
 SCHEMA = 1
 STOPS = ("freezing", "stuck")  # of the rules; the others find who leaves human poses
 COLUMNS = (
-    "80 ms, cm", "320 ms, cm", "640 ms, cm", "moves, %", "stops, %", "leaves, %", "feet, cm/s", "bones, %",
+    "80 ms, cm", "320 ms, cm", "640 ms, cm", "moves, %", "stops, %", "leaves, %", "feet, cm", "bones, %",
     "futures, cm", "off path, cm", "weights, k", "steps", "s", "ms a frame",
 )  # fmt: skip
 SHOWN_MS = (80, 320, 640)
@@ -147,7 +147,7 @@ def _side_by_side(result: Result, data: str, note: str) -> ErrorTable:
             _text(100 * value(result, label, "moves")[-1], 0),
             _text(100 * failed(result, label, STOPS), 0),
             _text(100 * (failed(result, label) - failed(result, label, STOPS)), 0),
-            _text(value(result, label, "flaws", "foot_skate"), 0),
+            _text(value(result, label, "flaws", "foot_slide"), 1),
             _text(value(result, label, "flaws", "bones"), 1),
             _text(value(result, label, "futures", "pose")[-1], 1),
             None if off is None else _text(100 * off, 0),
@@ -163,7 +163,7 @@ def _side_by_side(result: Result, data: str, note: str) -> ErrorTable:
     }
     true = [None] * len(COLUMNS)
     for column, (text, digits) in {
-        "moves, %": (100.0, 0), "feet, cm/s": (_true(result, "foot_skate"), 0), "bones, %": (_true(result, "bones"), 1),
+        "moves, %": (100.0, 0), "feet, cm": (_true(result, "foot_slide"), 1), "bones, %": (_true(result, "bones"), 1),
     }.items():  # fmt: skip
         true[COLUMNS.index(column)] = _text(text, digits)
     compare["people"] = true
