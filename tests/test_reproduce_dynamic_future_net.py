@@ -15,7 +15,7 @@ from tutorial_lib.generate import prepare_for
 from tutorial_lib.generate_futures import generate_futures
 from tutorial_lib.recipes import Recipe
 from tutorial_lib.reproduce import dynamic_future_net as dfn
-from tutorial_lib.reproduce.dynamic_future_net_measure import data_fan, joints_of
+from tutorial_lib.reproduce.dynamic_future_net_fan import data_fan, joints_of
 from tutorial_lib.reproduce.dynamic_future_net_plan import (
     ACLSTM,
     ACTIONS,
