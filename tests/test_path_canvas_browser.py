@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 from browser import jupyterlab, new_page
-from path_canvas_page import CANVAS, page_of
+from widget_page import CANVAS, page_of
 
 from tutorial_lib.motion.ground import check_path, circle, path_length, path_offset
 from tutorial_lib.view import PathCanvas

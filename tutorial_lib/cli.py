@@ -27,6 +27,8 @@ from .errors import CheckpointError, DataError, TutorialError
 from .recipes import DEFAULTS, JOINTS, NORMALIZE, Recipe
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from .motion.clip import Motion
     from .training.checkpoints import Checkpoint
     from .training.trainer import Trainer
@@ -419,6 +421,32 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_device(generate)
 
+    walk = add(
+        "walk",
+        _walk,
+        "let a network that follows control walk a path, as BVH files or as a page",
+        'walk --pretrained vae-lstm-samples --path "figure of eight" --pace 1.3 --count 3 -o walkers.html',
+    )
+    _add_weights(walk)
+    walk.add_argument(
+        "--path",
+        required=True,
+        metavar="PATH",
+        help="circle, figure of eight, zigzag, or a file of points: a line each, x and z in metres",
+    )
+    walk.add_argument(
+        "--pace", type=_number(0), default=1.3, metavar="M/S", help="metres a second, where the path is straight"
+        " (default 1.3)",
+    )  # fmt: skip
+    walk.add_argument("--count", type=_whole(1, MOST["count"]), default=1, metavar="K", help="people (default 1)")
+    walk.add_argument("--seed", type=_whole(0, MOST["seed"]), default=0, metavar="S", help="who they are (default 0)")
+    walk.add_argument("--rest", action="store_true", help="begin and end standing")
+    walk.add_argument("--raw", action="store_true", help="as the network gave it: feet are not planted")
+    walk.add_argument(
+        "-o", "--out", required=True, metavar="OUT", help="folder for BVH files, or a page to play (PAGE.html)"
+    )
+    _add_device(walk)
+
     evaluate = add(
         "evaluate",
         _evaluate,
@@ -440,7 +468,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="frames to generate after each seed (default 900)",
     )
-    evaluate.add_argument("--count", type=_whole(1, MOST["count"]), default=20, metavar="K", help="seeds (default 20)")
+    evaluate.add_argument(
+        "--count",
+        type=_whole(1, MOST["count"]),
+        metavar="K",
+        help="seeds (default 20); of a network that follows control, people on each path (default 4)",
+    )
     evaluate.add_argument(
         "--seed", type=_whole(0, MOST["seed"]), default=0, metavar="S", help="chooses them (default 0)"
     )
@@ -519,8 +552,47 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="of the VAE-LSTM (default 400); the baselines, whose steps are cheaper, have two to four times as many",
     )
-    for paper in (acrnn, vae):
-        _add_reproduce(paper)
+
+    future = papers.add_parser(
+        "dynamic-future-net",
+        help="diversified motion: figures 6 to 9, stability, changes of action, limited data, ablations",
+        description="Train the Dynamic Future Net on four kinds of motion, together and each alone, with less data and "
+        "with parts cut out, as far as they are missing, and measure how stable and how different its motions are. "
+        "Can be stopped at any moment; called again, it goes on.",
+        epilog=f"example: {PROGRAM} reproduce dynamic-future-net --data DIR --runs runs/dfn --jobs 2",
+    )
+    future.set_defaults(run=_reproduce_dynamic_future_net)
+    _add_places(
+        future,
+        "dynamic-future-net",
+        "folder with cmu/walking, cmu/running, cmu/martial and cmu/indian, or: samples (default: where data list finds "
+        "the clips, else the samples)",
+    )
+    future.add_argument(
+        "--steps",
+        type=_whole(3, MOST["steps"]),
+        metavar="N",
+        help="of a network of one action (default 800); one of all four has twice as many",
+    )
+
+    every = papers.add_parser(
+        "side-by-side",
+        help="every system on the same clips, split and skeleton, in one table",
+        description="Train every system of the library on the same clips for about the same time, as far as they are "
+        "missing, measure all alike, and print one table. Can be stopped at any moment; called again, it goes on.",
+        epilog=f"example: {PROGRAM} reproduce side-by-side --data DIR --runs runs/side-by-side --jobs 2",
+    )
+    every.set_defaults(run=_reproduce_side_by_side)
+    _add_places(
+        every,
+        "side-by-side",
+        "folder with cmu/walking, or: samples (default: where data list finds the clips, else the samples)",
+        "side_by_side.json and its networks",
+    )
+    for size, what in (("steps", "of LSTM-3LR; the others have as many as take as long"), ("hidden", "cells a layer")):
+        every.add_argument(f"--{size}", type=_whole(10 if size == "steps" else 1, MOST[size]), metavar="N", help=what)
+    for paper in (acrnn, vae, future, every):
+        _add_reproduce(paper, tunes=paper in (acrnn, vae), seeded=paper is not future)
 
     benchmark = add(
         "benchmark",
@@ -557,17 +629,18 @@ def _add_weights(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_places(paper: argparse.ArgumentParser, name: str, data: str) -> None:
-    """Where a paper's command reads from and writes to; ``data``: the help of its --data."""
+def _add_places(paper: argparse.ArgumentParser, name: str, data: str, written: str = "") -> None:
+    """Where a paper's command reads from and writes to; data: the help of its --data; written: what it writes."""
     runs = f"for the checkpoints (default runs/{name}, of samples runs/{name}-samples)"
-    result = f"for {name.replace('-', '_')}.json and the figures (default: that of the runs)"
+    written = written or f"{name.replace('-', '_')}.json and the figures"
+    result = f"for {written} (default: that of the runs)"
     paper.add_argument("--data", metavar="DIR", help=data)
     paper.add_argument("--runs", metavar="FOLDER", help=runs)
     paper.add_argument("--out", metavar="FOLDER", help=result)
 
 
-def _add_reproduce(paper: argparse.ArgumentParser) -> None:
-    """What every paper's command has."""
+def _add_reproduce(paper: argparse.ArgumentParser, tunes: bool, seeded: bool) -> None:
+    """What every paper's command has; ``seeded``: also seeds of training; ``tunes``: also a choice of rates."""
     paper.add_argument(
         "--jobs",
         type=_whole(1, MOST["threads"]),
@@ -575,10 +648,12 @@ def _add_reproduce(paper: argparse.ArgumentParser) -> None:
         metavar="N",
         help="runs trained side by side, each with one thread (default 2)",
     )
-    paper.add_argument(
-        "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
-    )
-    paper.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
+    if seeded:
+        paper.add_argument(
+            "--seeds", type=_whole(0, MOST["seed"]), nargs="+", default=[0], metavar="S", help="of training (default 0)"
+        )
+    if tunes:
+        paper.add_argument("--tune", action="store_true", help="first choose the learning rates, on validation clips")
     paper.add_argument("--no-train", action="store_true", help="measure the runs that are finished, and train none")
     paper.add_argument("--quick", action="store_true", help="a trial with tiny networks and few steps")
 
@@ -907,7 +982,7 @@ def _input_files(name: str) -> list[pathlib.Path]:
 def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     _use_threads(options)
     from .cleanup import clean_up, legs
-    from .generate import choose_seeds, generate_each
+    from .generate import check_predicts, choose_seeds, generate_each
     from .generate_futures import generate_futures
     from .motion.bvh import write_bvh
     from .training.progress import Progress
@@ -917,6 +992,7 @@ def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     out = pathlib.Path(options.out)
     _check_folder(out)
     checkpoint = _open(options)
+    check_predicts(checkpoint)
     stem, digits = checkpoint.path.stem, max(2, len(str(options.count)))
     names = [f"{stem}-{k:0{digits}d}.bvh" for k in range(1, options.count + 1)]
     sources = [] if options.data is None else [options.data]
@@ -951,6 +1027,57 @@ def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     print(f"wrote {len(names)} files of {len(motion)} frames to {options.out}")
 
 
+def _walk(options: argparse.Namespace, _: Sequence[str]) -> None:
+    _use_threads(options)
+    from .control import path_deviation
+    from .motion.bvh import write_bvh
+    from .walk import walk
+
+    _check_named(options.out)
+    out, files = pathlib.Path(options.out), [options.path] if pathlib.Path(options.path).is_file() else []
+    page = out.suffix.lower() in (".html", ".htm")
+    if page:
+        _check_output(options.out, files)
+    else:
+        _check_folder(out)
+    path = _path_of(options.path)
+    checkpoint = _open(options)
+    digits = max(2, len(str(options.count)))
+    names = [f"walk-{k:0{digits}d}.bvh" for k in range(1, options.count + 1)]
+    _check_not_input([out] if page else [out / name for name in names], [str(checkpoint.path), *files])
+    motions = walk(
+        checkpoint, path, options.pace, count=options.count, seed=options.seed, clean=not options.raw, rest=options.rest
+    )
+    away = [path_deviation(motion, path) for motion in motions]
+    if page:
+        from .view import show
+
+        show(motions, layout="as is").save(out)
+    else:
+        with _whole_folder(out) as folder:
+            for name, motion in zip(names, motions, strict=True):
+                write_bvh(motion, folder / name)
+    many = "1 file" if len(names) == 1 else f"{len(names)} files"
+    told = f"wrote {out}" if page else f"wrote {many} to {out}"
+    mean, most = sum(d.mean for d in away) / len(away), max(d.max for d in away)
+    print(
+        f"{told}: {motions[0].duration:.1f} s each, {100 * mean:.1f} cm from the path on average, "
+        f"{100 * most:.1f} at most"
+    )
+
+
+def _path_of(name: str) -> np.ndarray:
+    """A prepared path, or the points in a file."""
+    from .motion.ground import prepared_path, read_path
+
+    if pathlib.Path(name).is_file():
+        return read_path(name)
+    try:
+        return prepared_path(name)
+    except TutorialError as error:
+        raise DataError(f"{error}, or a file of points, x and z in metres, a line each") from None
+
+
 def _data_of(checkpoint: Checkpoint) -> list[str]:
     """The data sets that a checkpoint was trained on."""
     from .pretrained import data_names
@@ -982,9 +1109,11 @@ def _seed_clips(checkpoint: Checkpoint, names: Sequence[str]) -> list[Motion] | 
 
 def _evaluate(options: argparse.Namespace, _: Sequence[str]) -> None:
     _use_threads(options)
+    from . import evaluate_control
     from .atomic import atomic_write
     from .evaluate import evaluate, summary, unseen
     from .recipes import load_clips
+    from .training.systems import SYSTEMS
 
     if options.json is not None:
         inputs = [options.data] if options.checkpoint is None else [options.checkpoint, options.data]
@@ -992,9 +1121,16 @@ def _evaluate(options: argparse.Namespace, _: Sequence[str]) -> None:
     checkpoint = _open(options)
     clips = load_clips(options.data)
     clips = unseen(checkpoint, clips) or clips
-    result = evaluate(checkpoint, clips, count=options.count, frames=options.frames, seed=options.seed, progress=True)
+    if SYSTEMS[checkpoint.system].controlled:
+        count = 4 if options.count is None else options.count
+        result = evaluate_control.evaluate_control(checkpoint, clips, count=count, seed=options.seed)
+        lines = evaluate_control.summary(result)
+    else:
+        count = 20 if options.count is None else options.count
+        result = evaluate(checkpoint, clips, count=count, frames=options.frames, seed=options.seed, progress=True)
+        lines = summary(result)
     result = {"checkpoint": checkpoint.path.name, "data": options.data, **result}
-    print("\n".join(summary(result)))
+    print("\n".join(lines))
     if options.json is not None:
         with atomic_write(options.json) as temporary:
             temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
@@ -1012,10 +1148,12 @@ def _pretrained_list(options: argparse.Namespace, _: Sequence[str]) -> None:
 
 def _pretrained_publish(options: argparse.Namespace, _: Sequence[str]) -> None:
     _use_threads(options)
+    from . import evaluate_control
     from .evaluate import summary
     from .pretrained import FOLDER
     from .pretrained.publish import publish
     from .training.checkpoints import read_header
+    from .training.systems import SYSTEMS
     from .training.trainer import usable_device
 
     folder = pathlib.Path(FOLDER if options.out is None else options.out)
@@ -1031,57 +1169,58 @@ def _pretrained_publish(options: argparse.Namespace, _: Sequence[str]) -> None:
         device=usable_device(options.device),
         progress=True,
     )
-    origin = read_header(file)["provenance"]
-    print("\n".join(summary(origin["metrics"])))
-    print(f"own seeds           {origin['seeds']['count']} of {origin['seeds']['frames']} frames")
+    header = read_header(file)
+    origin = header["provenance"]
+    controlled = SYSTEMS[header["system"]].controlled
+    print("\n".join((evaluate_control.summary if controlled else summary)(origin["metrics"])))
+    if not controlled:
+        print(f"own seeds           {origin['seeds']['count']} of {origin['seeds']['frames']} frames")
     print(f"wrote {file} ({file.stat().st_size / 1e6:.2f} MB)")
-
-
-def _reproduce_vae_lstm(options: argparse.Namespace, _: Sequence[str]) -> None:
-    from .reproduce.vae_lstm import reproduce
-
-    _check_reproduce(options)
-    reproduce(
-        options.data,
-        runs=options.runs,
-        out=options.out,
-        jobs=options.jobs,
-        seeds=options.seeds,
-        tuning=options.tune,
-        train_missing=not options.no_train,
-        quick=options.quick,
-        budget={} if options.steps is None else {"steps": options.steps},
-        tell=_tell,
-    )
-
-
-def _check_reproduce(options: argparse.Namespace) -> None:
-    for folder in (options.runs, options.out):
-        if folder is not None:
-            _check_named(folder)
-            _check_folder(pathlib.Path(folder))
 
 
 def _reproduce_acrnn(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .reproduce.acrnn import reproduce
 
-    _check_reproduce(options)
-    sizes = {name: getattr(options, name) for name in ("steps", "hidden", "batch", "length")}
+    common = _reproduction(options, "steps", "hidden", "batch", "length")
     reproduce(
-        options.data,
-        runs=options.runs,
-        out=options.out,
-        jobs=options.jobs,
-        styles=options.styles,
-        seeds=options.seeds,
-        grid=options.grid,
-        long=options.long,
-        tuning=options.tune,
-        train_missing=not options.no_train,
-        quick=options.quick,
-        budget={name: value for name, value in sizes.items() if value is not None},
-        tell=_tell,
-    )
+        options.data, styles=options.styles, seeds=options.seeds, grid=options.grid, long=options.long,
+        tuning=options.tune, **common,
+    )  # fmt: skip
+
+
+def _reproduce_vae_lstm(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.vae_lstm import reproduce
+
+    reproduce(options.data, seeds=options.seeds, tuning=options.tune, **_reproduction(options, "steps"))
+
+
+def _reproduce_dynamic_future_net(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.dynamic_future_net import reproduce
+
+    reproduce(options.data, **_reproduction(options, "steps"))
+
+
+def _reproduce_side_by_side(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.side_by_side import reproduce
+
+    reproduce(options.data, seeds=options.seeds, **_reproduction(options, "steps", "hidden"))
+
+
+def _reproduction(options: argparse.Namespace, *sizes: str) -> dict[str, Any]:
+    """What all of them are told; ``sizes``: of the budget, as far as they were given."""
+    for folder in (options.runs, options.out):
+        if folder is not None:
+            _check_named(folder)
+            _check_folder(pathlib.Path(folder))
+    return {
+        "runs": options.runs,
+        "out": options.out,
+        "jobs": options.jobs,
+        "train_missing": not options.no_train,
+        "quick": options.quick,
+        "budget": {name: getattr(options, name) for name in sizes if getattr(options, name) is not None},
+        "tell": _tell,
+    }
 
 
 def _tell(line: str) -> None:

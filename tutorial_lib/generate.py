@@ -168,7 +168,7 @@ def check_predicts(checkpoint: Checkpoint) -> None:
     if not (kind.predicts or kind.futures):
         raise CheckpointError(
             f"the checkpoint is a {checkpoint.system!r}, which follows a control signal and goes on from no seed: "
-            "expected a network that predicts the next frame; for this one see tutorial_lib.generate_control"
+            "expected a network that predicts the next frame; this one walks a path (tutorial_lib.walk, command: walk)"
         )
 
 

@@ -403,6 +403,45 @@ def foot_skate(
 
 
 @numpy_or_torch
+def foot_slide(
+    positions: Array,
+    feet: Sequence[int],
+    fps: float,
+    standing: Array | None = None,
+    height: float = 0.025,
+    speed: float = 1.0,
+    shortest: float = 0.1,
+) -> Array:
+    """How far a foot node slides along the ground in one step: centimetres, mean over all steps; shape ``(...)``.
+
+    A step is a stretch of contact (``foot_contacts`` has the rule and the arguments) of ``shortest`` seconds or more,
+    and the slide the length of the node's way along the ground in it. As Zhang et al. 2018 (mode-adaptive networks)
+    have it, a movement counts the less the higher the node is, by ``2 - 2^(h / height)``: all of it on the ground,
+    nothing ``height`` above it, for a foot that rolls off slides little. NaN where nothing touches the ground, or feet
+    are not at finite places. Real clips do not give zero: compare with the real clips' own.
+    """
+    feet = [int(f) for f in feet]
+    if standing is None:
+        standing = standing_heights(positions, feet)
+    contact, ground_speed = _feet(positions, feet, fps, standing, height, speed)  # (..., T - 1, F)
+    above = positions[..., feet, 1] - torch.as_tensor(standing, dtype=positions.dtype)[..., None, :]
+    above = ((above[..., 1:, :] + above[..., :-1, :]) / 2).clamp(0, height)
+    way = torch.where(contact, (2 - 2 ** (above / height)) * ground_speed / fps, torch.zeros_like(ground_speed))
+    each = contact.movedim(-1, 0)  # (F, ..., T - 1)
+    long = torch.stack([_long_runs(c, shortest * fps) for c in each.reshape(-1, each.shape[-1])])
+    long = long.reshape(each.shape).movedim(0, -1)
+    begins = long & ~torch.cat((torch.zeros_like(long[..., :1, :]), long[..., :-1, :]), -2)
+    steps = begins.sum((-2, -1))
+    return 100.0 * (way * long).sum((-2, -1)) / torch.where(steps > 0, steps.to(way.dtype), float("nan"))
+
+
+def _long_runs(held: torch.Tensor, least: float) -> torch.Tensor:
+    """Booleans ``(T,)`` with only those runs of True that have ``least`` steps or more."""
+    values, counts = torch.unique_consecutive(held, return_counts=True)
+    return (values & (counts >= least)).repeat_interleave(counts)
+
+
+@numpy_or_torch
 def bone_lengths(positions: Array, skeleton: Skeleton) -> Array:
     """``(..., T, J, 3)`` positions to the length of each bone, ``(..., T, J - 1)`` metres, as
     ``skeleton.bones``."""

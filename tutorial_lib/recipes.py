@@ -341,7 +341,7 @@ def trainer_for(
         if recipe.start is not None:
             first = _start_of(recipe)
             representation, normalizer = first.representation, first.normalizer
-        sway = _sway_of(train, recipe.fps) if "control" in kind.parts else None
+        sway = _sway_of(train, recipe.fps) if kind.controlled else None
         told = provenance(
             recipe.data[0] if len(recipe.data) == 1 else list(recipe.data),
             names, command, test_clips=[motion.name for motion in test],

@@ -85,9 +85,8 @@ def plan_walk(
     """The control of :func:`walk`, whose arguments these are, as the network sees it."""
     if not (isinstance(count, int | np.integer) and count >= 1):
         raise MotionError(f"{count!r} people: expected a whole number of 1 or more")
-    control_network(checkpoint)
+    gait = gait_to_walk(checkpoint, sway)
     fps = representation_of(checkpoint).fps
-    gait = _sway_of(checkpoint, sway)
     limits = {} if gait is None else {"limits": gait.limits}
     way = path_control(prepared_path(path) if isinstance(path, str) else path, pace, fps, rest=rest, **limits)
     if gait is None:
@@ -99,7 +98,9 @@ def plan_walk(
     return PlannedWalk(way, *gait.added_to(way.control, fps, phase, tempo, start=way.start, heading=way.heading))
 
 
-def _sway_of(checkpoint: Checkpoint, sway: Sway | bool) -> Sway | None:
+def gait_to_walk(checkpoint: Checkpoint, sway: Sway | bool = True) -> Sway | None:
+    """The sway that :func:`walk` takes for what it was given; ``CheckpointError`` where the network can have none."""
+    control_network(checkpoint)
     if isinstance(sway, Sway):
         return sway
     if not sway:

@@ -90,14 +90,13 @@ class Sway:
         """
         control = check_control(control)
         way, angle = integrate_control(control, check_fps(fps), start, heading)
-        turning, speed = control[:, 0], np.hypot(control[:, 1], control[:, 2])
+        speed, turning = np.hypot(control[:, 1], control[:, 2]), np.clip(control[:, 0], -TURNING_SEEN, TURNING_SEEN)
         hats = _hats(speed, self.speeds)  # (T, K)
         rate = hats @ self.frequency
         run = np.r_[0.0, 2 * np.pi / fps * (rate[1:] + rate[:-1]).cumsum() / 2]
         at = np.asarray(phase)[..., None] + np.asarray(tempo)[..., None] * run  # (..., T)
         straight, turned = np.einsum("tk,kwcn->wtcn", hats, self.offsets)
-        seen = np.clip(turning, -TURNING_SEEN, TURNING_SEEN)
-        amplitude = straight + seen[:, None, None] * turned  # (T, 3, 2 N)
+        amplitude = straight + turning[:, None, None] * turned  # (T, 3, 2 N)
         offset = np.einsum("tcn,...tn->...tc", amplitude, _waves(at, self.offsets.shape[-1] // 2))
         place, facing = way + _turned(offset[..., :2], angle), angle + offset[..., 2]
         return Swaying(measure_control(place, facing, fps), place[..., 0, :], facing[..., 0])

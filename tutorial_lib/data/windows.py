@@ -319,21 +319,29 @@ def evaluation_windows(
         clip = motion.resample(representation.fps)
         representation.check(clip)
         clips.append(clip)
+    features = []
+    for k, first in evaluation_places(clips, length, count=count, seed=seed):
+        rotations = clips[k].rotations
+        rotations = None if rotations is None else rotations[first : first + length]
+        features.append(representation.encode_arrays(clips[k].positions[first : first + length], rotations))
+    windows = torch.from_numpy(np.stack(features).astype(np.float32))
+    return windows[:, :seed_frames].contiguous(), windows[:, seed_frames:].contiguous()
+
+
+def evaluation_places(clips: Sequence[Motion], length: int, *, count: int, seed: int = 0) -> list[tuple[int, int]]:
+    """Where :func:`evaluation_windows` takes its windows: (clip, first frame) of each of ``count``, all different.
+
+    length: frames of a window, at the clips' own rate. Raises :class:`DataError` where clips are too short or have
+    fewer windows than asked for.
+    """
     starts = np.array([max(len(clip) - length + 1, 0) for clip in clips], dtype=np.int64)
     total = int(starts.sum())
     if total == 0:
-        raise DataError(_too_short(motions, length, representation.fps))
+        raise DataError(_too_short(clips, length, clips[0].fps if clips else 0))
     if total < count:
         raise DataError(f"{count} windows of {length} frames asked for: these clips have {total} different ones")
     edges = np.arange(count + 1) * total // count
     chosen = np.random.default_rng(seed).integers(edges[:-1], edges[1:])
     ends = np.cumsum(starts)
-    features = []
-    for start in chosen:
-        k = int(np.searchsorted(ends, start, side="right"))
-        a = int(start - (ends[k] - starts[k]))
-        rotations = clips[k].rotations
-        rotations = None if rotations is None else rotations[a : a + length]
-        features.append(representation.encode_arrays(clips[k].positions[a : a + length], rotations))
-    windows = torch.from_numpy(np.stack(features).astype(np.float32))
-    return windows[:, :seed_frames].contiguous(), windows[:, seed_frames:].contiguous()
+    which = np.searchsorted(ends, chosen, side="right")
+    return [(int(k), int(start - (ends[k] - starts[k]))) for k, start in zip(which, chosen, strict=True)]

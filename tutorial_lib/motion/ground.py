@@ -6,6 +6,8 @@ faces +z. Headings are radians from +z, positive to the left, towards +x.
 
 from __future__ import annotations
 
+import os
+import pathlib
 from collections.abc import Callable
 
 import numpy as np
@@ -216,10 +218,37 @@ PREPARED: dict[str, Callable[[], np.ndarray]] = {
 
 
 def prepared_path(name: str) -> np.ndarray:
-    """The prepared path ``(N, 2)`` of this name; ``MotionError`` names them all."""
-    if name not in PREPARED:
+    """The prepared path ``(N, 2)`` of this name, "figure-of-eight" will do, too; ``MotionError`` names them all."""
+    found = str(name).lower().replace("-", " ").replace("_", " ")
+    if found not in PREPARED:
         raise MotionError(f"no prepared path {name!r}: expected one of {', '.join(PREPARED)}")
-    return PREPARED[name]()
+    return PREPARED[found]()
+
+
+def read_path(file: str | os.PathLike) -> np.ndarray:
+    """The points ``(N, 2)`` in a file: a line each, x and z in metres, parted by a comma or by spaces.
+
+    Empty lines and what follows a ``#`` are passed over, and so is a first line of names. Raises ``MotionError``, which
+    names file and line, for what is no path, ``OSError`` for a file that cannot be read.
+    """
+    points, lines = [], pathlib.Path(file).read_bytes().decode("utf-8", errors="replace").splitlines()
+    for number, line in enumerate(lines, start=1):
+        words = line.partition("#")[0].replace(",", " ").replace(";", " ").split()
+        try:
+            values = [float(word) for word in words]
+        except ValueError:
+            if number == 1 and len(words) == 2:
+                continue
+            values = []
+        if words and len(values) != 2:
+            told = line.strip()[:40]
+            raise MotionError(f"{file}: line {number} is {told!r}, expected two numbers, x and z in metres")
+        if values:
+            points.append(values)
+    try:
+        return check_path(points or np.zeros((0, 2)))
+    except MotionError as error:
+        raise MotionError(f"{file}: {error}") from None
 
 
 def _blurred(signal, metres):

@@ -1,7 +1,8 @@
 """Trained weights that come with the library: what there is, and loading one by its name.
 
 Each is a checkpoint (:mod:`tutorial_lib.training.checkpoints`) in half precision, ``NAME.safetensors`` in this folder,
-with its provenance and with seeds that the network itself made, so that it generates with no data at hand.
+with its provenance; and with seeds that the network itself made or, where it follows control, with the sway of a gait,
+so that it generates with no data at hand.
 :mod:`tutorial_lib.pretrained.publish` makes them.
 """
 
@@ -53,6 +54,10 @@ class Pretrained:
         freezing, frames = self.metrics.get("freezing"), self.metrics.get("frames")
         if freezing and frames:
             text += f"; {freezing['count']} of {self.metrics['seeds']} freeze within {frames:,} frames"
+        if walks := self.metrics.get("walks"):
+            away = sum(row["deviation"]["mean"] for row in walks) / len(walks)
+            paces = " and ".join(f"{pace:g}" for pace in sorted({row["pace"] for row in walks}))
+            text += f"; walks a path at {paces} m/s, {100 * away:.0f} cm from it on average"
         return text
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import datetime
 import hashlib
 import os
@@ -18,10 +19,12 @@ import torch
 from .. import __version__, metrics, pretrained
 from ..errors import CheckpointError
 from ..evaluate import evaluate
+from ..evaluate_control import evaluate_control
 from ..generate import SEED_FRAMES, choose_windows, generate_features, prepare_for
 from ..motion.clip import Motion
 from ..recipes import clips_of, recipe_in
 from ..training.checkpoints import Checkpoint, load_checkpoint, read_header, save_checkpoint
+from ..training.systems import SYSTEMS
 from . import SUFFIX
 
 N_SEEDS = 20
@@ -47,6 +50,8 @@ def publish(
     The weights are rounded to half precision first, and everything else is done with the rounded ones: they make the
     seeds (:func:`own_seeds`) and they are measured (:func:`tutorial_lib.evaluate.evaluate`, ``count`` seeds and
     ``frames`` frames from the clips kept out, or from the training clips where none were, which the result then says).
+    A network that follows control needs no seed and brings the sway of its clips; it is measured by
+    :func:`tutorial_lib.evaluate_control.evaluate_control`.
 
     clips: those trained on and those kept out; by default they are loaded as the run's recipe says.
     Returns the path. Raises ``CheckpointError`` for a run that is not finished, clips that are not its own, weights
@@ -68,13 +73,18 @@ def publish(
                 f"{run}: has {len(theirs)} clips {kind}, given were {len(mine)}; {odd} is only in "
                 f"{'the run' if odd in theirs else 'those given'}"
             )
-    seeds, about = own_seeds(checkpoint, train, progress=progress)
-    measured = evaluate(checkpoint, test or train, count=count, frames=frames, progress=progress)
+    if SYSTEMS[checkpoint.system].controlled:
+        seeds, about = None, {}
+        measured = evaluate_control(checkpoint, test or train)
+    else:
+        seeds, about = own_seeds(checkpoint, train, progress=progress)
+        measured = evaluate(checkpoint, test or train, count=count, frames=frames, progress=progress)
+        about = {"seeds": about}
     origin = {
         **checkpoint.provenance,
         "metrics": measured,
         "clips_sha256": clips_hash(prepare_for(checkpoint, train)),
-        "seeds": about,
+        **about,
         "published": {
             "name": name,
             "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
@@ -92,6 +102,7 @@ def publish(
         training=_without_folders(checkpoint.training),
         provenance=_without_folders(origin),
         seed_frames=seeds,
+        sway=checkpoint.sway,
         half=True,
     )
     return file
@@ -108,10 +119,7 @@ def rounded(checkpoint: Checkpoint) -> Checkpoint:
                     f"{checkpoint.path}: the weights {key} reach {weight.abs().max():.3g}, half precision ends at 65504"
                 )
             weight.copy_(half.float())
-    return Checkpoint(
-        checkpoint.system, model, checkpoint.representation, checkpoint.normalizer, checkpoint.training,
-        checkpoint.provenance, checkpoint.seed_frames, checkpoint.path,
-    )  # fmt: skip
+    return dataclasses.replace(checkpoint, model=model)
 
 
 def own_seeds(

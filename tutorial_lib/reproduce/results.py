@@ -108,20 +108,25 @@ def tell_result(
     findings: Iterable[Finding],
     figures: Mapping[str, Any],
     tell: Callable[[str], None],
+    whose: str = "the paper finds",
 ) -> None:
-    """Say what the result in ``path`` holds, and write its figures (those that are not None) beside it."""
-    for line in report(tables, findings):
+    """Say what the result in ``path`` holds, and write its figures (those that are not None) beside it.
+
+    whose: who finds the findings, the end of "What ...".
+    """
+    for line in report(tables, findings, whose):
         tell(line)
     for name, figure in figures.items():
         if figure is not None:
             figure.savefig(path.with_name(f"{path.stem}-{name}.png"), dpi=120)
-    tell(f"wrote {path} ({path.stat().st_size / 1000:.0f} kB) and the figures beside it")
+    beside = " and the figures beside it" if figures else ""
+    tell(f"wrote {path} ({path.stat().st_size / 1000:.0f} kB){beside}")
 
 
-def report(tables: Mapping[str, ErrorTable], findings: Iterable[Finding]) -> list[str]:
+def report(tables: Mapping[str, ErrorTable], findings: Iterable[Finding], whose: str = "the paper finds") -> list[str]:
     """All of it for a terminal."""
     lines = []
     for table in tables.values():
         lines += [*str(table).splitlines(), ""]
-    lines.append("What the paper finds, and whether it is so here:")
+    lines.append(f"What {whose}, and whether it is so here:")
     return [*lines, *map(str, findings)]

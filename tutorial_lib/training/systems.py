@@ -218,6 +218,11 @@ class SystemKind:
     futures: bool = False
 
     @property
+    def controlled(self) -> bool:
+        """Whether the network follows control and goes on from no seed: :mod:`tutorial_lib.walk`."""
+        return "control" in self.parts
+
+    @property
     def sizes(self) -> tuple[str, ...]:
         """What the network's configuration has besides ``dim``."""
         return tuple(field.name for field in dataclasses.fields(self.config) if field.name != "dim")

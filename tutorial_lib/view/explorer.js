@@ -1,4 +1,4 @@
-// The explorer of u and v; stands after page.js and player.js in one module and uses what is in them.
+// The explorer of u and v; stands after page.js, player.js and stage.js in one module and uses what is in them.
 // explore(el, spec, bytes): spec comes from explorer.py; bytes are the cells' player payloads one after another.
 
 const ARROWS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -1, PageUp: 1, Home: -1e6, End: 1e6 };
@@ -39,8 +39,9 @@ export function explore(el, spec, bytes) {
   const found = make('div', root, { className: 'row' });
   const curves = makeSvg(found, 'svg', { class: 'curves', role: 'img', 'aria-label': `${spec.unit}, all pairs` });
   const facts = make('dl', found, {});
-  const stage = make('div', root, { className: 'stage', hidden: !spec.player });
-  const absent = make('p', stage, { className: 'absent' });
+  const stage = makeStage(root);
+  stage.root.hidden = !spec.player;
+  const absent = make('p', stage.root, { className: 'absent' });
 
   // what is chosen
   function choose({ u, v }) {
@@ -224,48 +225,18 @@ export function explore(el, spec, bytes) {
   const readouts = new MutationObserver(() => movePlayhead());
   function movePlayhead() { // with the picture that the player shows
     if (!plot) return;
-    const { cell, player } = api, seed = cell?.player ? cell.player.seed * spec.fps : 0;
+    const { player } = stage, { cell } = api, seed = cell?.player ? cell.player.seed * spec.fps : 0;
     const frame = cell?.player && player ? player.state.t * spec.fps - seed : -1;
     plot.head.setAttribute('d', frame < 0 || frame > spec.frames ? '' : `M${plot.X(frame)} ${plot.high}V${plot.low}`);
   }
-  let host = null, asked = 0;
-  async function watch(cell) { // the old figure stays until the new one is drawn: nothing flickers
-    const turn = ++asked, own = cell?.player, before = api.player;
-    stage.classList.toggle('nothing', !own);
+  async function watch(cell) {
+    const own = cell?.player;
+    stage.root.classList.toggle('nothing', !own);
     absent.textContent = cell ? 'No clip was kept for this pair.' : 'Nothing to watch: this pair was not trained.';
-    if (!own) { before?.pause(); return; }
-    if (host?.cell === cell) return;
-    const next = make('div', stage, { className: 'next' }), all = { ...spec.player, ...own.spec };
-    const was = before?.state, start = all.start;
-    if (was) {
-      const { speed, loop, follow, trails, ghosts } = was;
-      all.start = { ...start, speed, loop, follow, trails, ghosts };
-    }
-    const player = mount(next, all, bytes.subarray(...own.bytes));
-    next.cell = cell;
-    if (was) {
-      const { zoom, pan, elevation } = was, duration = (all.frames - 1) / all.fps;
-      const azimuth = start.azimuth + was.azimuth - before.azimuth;
-      Object.assign(player.state, { zoom, pan: [...pan], elevation, azimuth, t: Math.min(was.t, duration) });
-    }
-    player.azimuth = start.azimuth;
-    await player.ready;
-    if (turn !== asked) { // another was asked for in the meantime
-      player.dispose();
-      next.remove();
-      return;
-    }
-    const playing = was?.playing;
-    before?.dispose();
-    host?.remove();
-    next.className = '';
-    host = next;
-    api.player = player;
-    if (was) player.state.t = Math.min(was.t, (all.frames - 1) / all.fps);
-    if (playing) player.play();
-    else player.seek(Math.round(player.state.t * all.fps));
+    if (!own) { stage.stop(); return; }
+    if (!await stage.show(cell, { ...spec.player, ...own.spec }, bytes.subarray(...own.bytes))) return;
     readouts.disconnect();
-    readouts.observe(next.shadowRoot.querySelector('output'), { childList: true });
+    readouts.observe(stage.readout, { childList: true });
     movePlayhead();
   }
 
@@ -288,10 +259,10 @@ export function explore(el, spec, bytes) {
     drawSchedule();
     drawCurves();
   });
-  const api = el.explorer = { state: S, cell: null, player: null, frames: 0, choose: (u, v) => choose({ u, v }), dispose };
+  const api = el.explorer = { state: S, cell: null, frames: 0, choose: (u, v) => choose({ u, v }), dispose,
+    get player() { return stage.player; } };
   function dispose() {
-    asked++;
-    api.player?.dispose();
+    stage.dispose();
     for (const observer of [size, readouts]) observer.disconnect();
     endTheme();
     removeEventListener('keydown', onKey, true);

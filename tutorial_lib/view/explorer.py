@@ -151,7 +151,7 @@ class Explorer(PageOutput):
             "title": title,
             "unit": unit,
             "width": int(width),
-            "style": page_file("explorer.css"),
+            "style": page_file("controls.css", "explorer.css"),
             "us": us,
             "vs": vs,
             "start": [u, v],
@@ -169,7 +169,12 @@ class Explorer(PageOutput):
     def html(self) -> str:
         """Self-contained HTML: an element and the script that fills every copy of it on the page."""
         return filled_element(
-            "explorer", "explore", self.spec, self.payload, scripts=["page.js", "player.js", "explorer.js"], hint=_HINT
+            "explorer",
+            "explore",
+            self.spec,
+            self.payload,
+            hint=_HINT,
+            scripts=["page.js", "player.js", "stage.js", "explorer.js"],
         )
 
     @functools.cached_property

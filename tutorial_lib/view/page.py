@@ -77,7 +77,7 @@ def filled_element(
     """
     text = json.dumps(spec, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     data = base64.b64encode(payload).decode()
-    script = "\n".join(page_file(name).replace("export function", "function") for name in scripts)
+    script = script_of(*scripts)
     key = hashlib.sha256(text.encode() + payload).hexdigest()[:16]
     return (
         f'<div data-motion-{kind}="{key}">{hint}</div>\n<script type="module">\n{script}\n'
@@ -87,7 +87,13 @@ def filled_element(
 
 
 @functools.cache
-def page_file(name: str) -> str:
-    """A file beside this one for the inside of a page: without comment lines and indentation."""
-    lines = (pathlib.Path(__file__).parent / name).read_text(encoding="utf-8").splitlines()
-    return "\n".join(line.strip() for line in lines if line.strip() and not line.strip().startswith(("//", "/*")))
+def page_file(*names: str) -> str:
+    """Files beside this one, one after another, for the inside of a page: without comment lines and indentation."""
+    folder = pathlib.Path(__file__).parent
+    lines = [line.strip() for name in names for line in (folder / name).read_text(encoding="utf-8").splitlines()]
+    return "\n".join(line for line in lines if line and not line.startswith(("//", "/*")))
+
+
+def script_of(*names: str) -> str:
+    """Scripts beside this one as one module: what each exports is the others' too."""
+    return page_file(*names).replace("export function", "function")

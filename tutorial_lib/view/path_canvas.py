@@ -21,7 +21,7 @@ from ..motion.clip import Motion
 from ..motion.ground import PREPARED, check_path, path_length, prepared_path
 from . import palette
 from .figure import NotebookFigure
-from .page import page_file
+from .page import page_file, script_of
 from .path_plot import draw_path, ground_of
 
 _STATIC = "Drawing needs a live kernel: run this cell in Jupyter. Until then the prepared paths serve, by their names."
@@ -83,7 +83,7 @@ class PathCanvas:
                 "height": int(height),
                 "metres": float(metres),
                 "paces": [low, high],
-                "style": page_file("path_canvas.css"),
+                "style": page_file("controls.css", "path_canvas.css"),
                 "prepared": [[name, _plain(make())] for name, make in PREPARED.items()],
             },
         )
@@ -265,7 +265,7 @@ def _widget_class() -> type:
     import anywidget
     import traitlets
 
-    script = "\n".join(page_file(name).replace("export function", "function") for name in ("page.js", "path_canvas.js"))
+    script = script_of("page.js", "path_canvas.js")
     render = (
         "function render({ model, el }) { const canvas = pathCanvas(el, model); return () => canvas.dispose(); }\n"
         "export default { render };"

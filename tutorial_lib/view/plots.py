@@ -224,7 +224,7 @@ def cloud_plot(
     far.set_ylabel(f"distance to the nearest of the {cloud_label}{f' ({unit})' if unit else ''}", fontsize=9)
     far.set_ylim(bottom=0)
     for axes in (where, far):
-        _plain(axes)
+        plain_axes(axes)
     return figure
 
 
@@ -318,11 +318,12 @@ def _axes(size, title, xlabel, ylabel):
     axes.set_title(title, fontsize=10, loc="left")
     axes.set_xlabel(xlabel, fontsize=9)
     axes.set_ylabel(ylabel, fontsize=9)
-    _plain(axes)
+    plain_axes(axes)
     return figure, axes
 
 
-def _plain(axes: Axes) -> None:
+def plain_axes(axes: Axes) -> None:
+    """Small numbers, a faint grid, no frame: how all curves here look."""
     axes.tick_params(labelsize=8)
     axes.grid(alpha=0.25, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)

@@ -56,12 +56,12 @@ def pose_strip(
     bodies = [describe(m) for m in rows]
     if azimuth is None:
         azimuth = facing(rows[0], bodies[0]) + 0.6
-    drawn = [[_outlines(m, body, f, azimuth) for f in own]
+    drawn = [[outlines(m, body, f, azimuth) for f in own]
              for m, body, own in zip(rows, bodies, chosen, strict=True)]  # fmt: skip
 
     poses = [pose for row in drawn for pose in row if pose]
-    left, right = _extent(poses, 0)
-    bottom, top = _extent(poses, 1)
+    left, right = extent(poses, 0)
+    bottom, top = extent(poses, 1)
     tall = max(body.height for body in bodies)
     cell, low, high = right - left + 0.12 * tall, min(bottom, 0.0) - 0.06 * tall, max(top, tall) + 0.05 * tall
     named = any(labels)
@@ -81,7 +81,7 @@ def pose_strip(
         for k, pose in enumerate(row):
             if pose:
                 seeded = chosen[i][k] < seeds[i]
-                _draw(
+                draw_pose(
                     axes,
                     pose,
                     palette.sides(palette.SEED if seeded else color),
@@ -202,7 +202,7 @@ def _at(motion: Motion, seconds: float) -> int | None:
     return frame if frame < len(motion) else None
 
 
-def _outlines(motion: Motion, body: Body, frame: int | None, azimuth: float) -> list[tuple[int, list[np.ndarray]]]:
+def outlines(motion: Motion, body: Body, frame: int | None, azimuth: float) -> list[tuple[int, list[np.ndarray]]]:
     """Polygons (N, 2), in metres, of one pose seen from the side, far parts first: [(side, polygons), ...]."""
     if frame is None:
         return []
@@ -243,15 +243,23 @@ def _capsule(a: np.ndarray, r: float, b: np.ndarray, s: float, corners: int = 16
     )
 
 
-def _extent(poses: Sequence[list], axis: int) -> tuple[float, float]:
+def extent(poses: Sequence[list], axis: int) -> tuple[float, float]:
+    """From where to where poses as ``outlines`` gives them reach, along x (0) or upwards (1), metres."""
     points = np.concatenate([shape[:, axis] for pose in poses for _, shapes in pose for shape in shapes])
     return float(points.min()), float(points.max())
 
 
-def _draw(axes: Axes, pose: list[tuple[int, list[np.ndarray]]], tones: Sequence[str], x: float) -> None:
+def draw_pose(
+    axes: Axes, pose: list[tuple[int, list[np.ndarray]]], tones: Sequence[str], x: float, *, order: float = 0.0,
+    rim: str = "white",
+) -> None:  # fmt: skip
+    """Draw what ``outlines`` gave with its middle at ``x``, in tones for the body's middle, left and right.
+
+    order: of several poses on one spot the higher ones are in front; rim: the colour that sets its parts off.
+    """
     from matplotlib.collections import PolyCollection
 
-    for order, (side, shapes) in enumerate(pose):
+    for part, (side, shapes) in enumerate(pose):
         moved = [shape + (x, 0) for shape in shapes]
-        for z, style in ((0.0, {"edgecolors": "white", "linewidths": 1.6}), (0.5, {"edgecolors": "none"})):
-            axes.add_collection(PolyCollection(moved, facecolors=tones[side], zorder=1 + order + z, **style))
+        for z, style in ((0.0, {"edgecolors": rim, "linewidths": 1.6}), (0.5, {"edgecolors": "none"})):
+            axes.add_collection(PolyCollection(moved, facecolors=tones[side], zorder=1 + order + part + z, **style))

@@ -1,11 +1,13 @@
-"""A page with path canvases as JupyterLab would fill them; in the kernel's place a model that keeps what it is sent."""
+"""A page with anywidgets as JupyterLab would fill them; in the kernel's place a model that keeps what it is sent."""
 
 from __future__ import annotations
 
 import json
 import pathlib
 
-from tutorial_lib.view import PathCanvas
+from anywidget import AnyWidget
+
+from tutorial_lib.view import Fan, PathCanvas
 
 CANVAS = "document.querySelectorAll('.host')[0].canvas"
 
@@ -33,12 +35,13 @@ window.leave = hosts.map((el, i) => render({{ model: models[i % models.length], 
 </script>"""
 
 
-def page_of(canvases: list[PathCanvas], path: pathlib.Path, copies: int = 1) -> str:
-    """Write the page, each canvas ``copies`` times on the same model; its address."""
-    names = ("path", "pace", "walked", "note", "busy", "spec", "picture")
-    states = [{name: getattr(canvas.widget, name) for name in names} for canvas in canvases]
-    script = canvases[0].widget._esm.replace("export default { render };", "")
-    hosts = "<div class=host></div><br>" * (len(canvases) * copies)
+def page_of(shown: list[PathCanvas] | list[Fan], path: pathlib.Path, copies: int = 1) -> str:
+    """Write the page, each widget ``copies`` times on the same model; its address."""
+    every = AnyWidget.class_trait_names(sync=True)
+    own = [name for name in shown[0].widget.trait_names(sync=True) if name not in every and not name.startswith("_")]
+    states = [{name: getattr(one.widget, name) for name in own} for one in shown]
+    script = shown[0].widget._esm.replace("export default { render };", "")
+    hosts = "<div class=host></div><br>" * (len(shown) * copies)
     text = json.dumps(states).replace("<", "\\u003c")
     path.write_text(_PAGE.format(hosts=hosts, script=script, states=text), encoding="utf-8")
     return path.as_uri()

@@ -1,0 +1,240 @@
+"""reproduce dynamic-future-net on the samples with tiny networks: what it trains, measures, writes and says."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from tutorial_lib import cli
+from tutorial_lib.data.windows import evaluation_windows
+from tutorial_lib.errors import CheckpointError, DataError, TutorialError
+from tutorial_lib.generate import prepare_for
+from tutorial_lib.generate_futures import generate_futures
+from tutorial_lib.recipes import Recipe
+from tutorial_lib.reproduce import dynamic_future_net as dfn
+from tutorial_lib.reproduce.dynamic_future_net_measure import data_fan, joints_of
+from tutorial_lib.reproduce.dynamic_future_net_plan import (
+    ACLSTM,
+    ACTIONS,
+    JOINT,
+    NETWORKS,
+    NO_FUTURE,
+    NO_TEMPORAL,
+    QUICK,
+    SHIPPED,
+    VAE,
+    Plan,
+    Protocol,
+    first_seconds,
+    name_of,
+    sets_for,
+)
+from tutorial_lib.reproduce.dynamic_future_net_tables import at_times, band_share
+from tutorial_lib.reproduce.grid import clips_for
+from tutorial_lib.training.checkpoints import load_checkpoint, read_header
+
+TRAINED = (JOINT, "dancing", "dancing, 7 s", ACLSTM, VAE)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A quick result on the samples: the folder, what was told, and the result."""
+    folder, told = tmp_path_factory.mktemp("dfn"), []
+    result = dfn.reproduce("samples", runs=folder, jobs=1, quick=True, networks=TRAINED, tell=told.append)
+    return folder, told, result
+
+
+# --- the plan -------------------------------------------------------------------------------------
+
+
+def test_every_network_has_its_data_and_its_own_options():
+    plan = Plan(samples=True)
+    runs = {name_of(run): run.recipe for run in plan.runs()}
+    assert set(runs) == set(NETWORKS) - {SHIPPED}, "the weights that come with the library are not trained here"
+    for name, recipe in runs.items():
+        assert recipe.data == tuple(f"samples/{action}" for action in NETWORKS[name].actions)
+        assert (recipe.joints, recipe.height, recipe.fps) == ("common", 1.54, 30.0), "all are measured alike"
+    assert runs[NO_FUTURE].options["future"] == 0 and runs[NO_TEMPORAL].options["temporal"] == 0
+    own = {"options": None, "steps": None}
+    for name in (NO_FUTURE, NO_TEMPORAL):
+        same = {k: v for k, v in runs[name].to_dict().items() if k not in (*own, "future", "temporal")}
+        assert same == {k: v for k, v in runs[JOINT].to_dict().items() if k in same}, "nothing else is cut"
+        assert runs[name].steps == runs[JOINT].steps
+    captured = Plan().recipe("running")
+    assert captured.data == ("cmu/running",) and captured.join > 0 and runs["running"].join == 0
+    assert Plan().published == "dfn-cmu" and plan.published == "dfn-samples" and Plan(quick=True).published is None
+
+
+def test_limited_data_is_a_beginning_of_the_clips():
+    run = next(run for run in Plan(samples=True).runs() if name_of(run) == "dancing, 20 s")
+    ((train, test),) = sets_for(run)
+    ((whole, kept_out),) = clips_for(run.recipe)
+    assert sum(len(m) for m in train) == round(20 * train[0].fps) and test == kept_out
+    np.testing.assert_array_equal(train[0].positions, whole[0].positions[: len(train[0])])
+    assert "first" in train[0].name, "it is not taken for the whole clip"
+    two = first_seconds(whole, whole[0].duration + 1)
+    assert [len(m) for m in two] == [len(whole[0]), round(whole[1].fps)]
+
+
+def test_plans_that_cannot_be():
+    with pytest.raises(TutorialError, match="unknown network 'dancin'"):
+        Plan(networks=("dancin",))
+    with pytest.raises(TutorialError, match="no network to train"):
+        Plan(networks=(SHIPPED,))
+
+
+# --- the whole command ----------------------------------------------------------------------------
+
+
+def test_the_cost_is_told_before_anything_is_trained(made):
+    _, told, _ = made
+    whole = next(k for k, line in enumerate(told) if "the whole cost" in line)
+    assert whole < next(k for k, line in enumerate(told) if "1 of 5 runs done" in line)
+
+
+def test_the_result_is_whole_and_has_no_place_of_this_machine(made):
+    folder, _, result = made
+    text = (folder / "dynamic_future_net.json").read_text(encoding="utf-8")
+    assert result == json.loads(text) == dfn.load_result(folder / "dynamic_future_net.json")
+    assert "NaN" not in text and "Infinity" not in text and str(folder) not in text and len(text) < 150_000
+    assert result["data"] == "samples" and result["quick"] is True and tuple(result["runs"]) == TRAINED
+    for name, run in result["runs"].items():
+        plan = Plan(samples=True, **QUICK)
+        assert Recipe.from_dict(run["recipe"]) == plan.recipe(name)
+    for figure in range(6, 10):
+        assert (folder / f"dynamic_future_net-figure-{figure}.png").stat().st_size > 5000
+    small = result["runs"]["dancing, 7 s"]
+    assert small["train_seconds"] == pytest.approx(7, abs=0.1)
+    header = read_header(folder / "dancing-7-s.safetensors")
+    assert all("first" in name for name in header["provenance"]["clips"])
+
+
+def test_the_fan_is_what_the_network_makes(made):
+    """From the checkpoint anew, in the test's own arithmetic."""
+    folder, _, result = made
+    run, protocol = result["runs"]["dancing"], QUICK["protocol"]
+    checkpoint = load_checkpoint(folder / "dancing.safetensors")
+    ((_, test),) = clips_for(Plan(samples=True).recipe("dancing"))
+    clips = prepare_for(checkpoint, test)
+    prefix, _ = evaluation_windows(clips, checkpoint.representation, seed_frames=20, future_frames=0, count=1)
+    futures = generate_futures(checkpoint, 32, prefix=prefix, count=24)
+    poses = joints_of(checkpoint.representation, futures.features())
+    mean = np.linalg.norm(poses - poses.mean(0), axis=-1).mean(0)
+    np.testing.assert_allclose(at_times(result, run, "dancing", "band"), mean[[7, 31]], rtol=1e-3)
+    assert band_share(result, run, "dancing") == pytest.approx(mean[31] / run["fan"]["data"][0], rel=1e-3)
+    apart = [np.linalg.norm(a - b) for k, a in enumerate(poses[:16, 31]) for b in poses[:k, 31]]
+    assert at_times(result, run, "dancing")[1] == pytest.approx(np.mean(apart), rel=1e-3)
+    latent = result["runs"][JOINT]["fan"]["prefixes"]["walking"]["latent"]
+    assert {len(points) for time in latent["z"].values() for points in [time]} == {protocol.points}
+    assert run["fan"]["prefixes"]["dancing"].get("latent") is None, "only figures need it"
+
+
+def test_what_can_be_known_beforehand(made):
+    _, _, result = made
+    runs = result["runs"]
+    assert all(entry["pairwise"] == [0, 0] for entry in runs[ACLSTM]["fan"]["prefixes"].values()), "one future"
+    assert all(min(entry["pairwise"]) > 0 for entry in runs[VAE]["fan"]["prefixes"].values())
+    assert runs["dancing"]["transitions"] is None and runs[JOINT]["transitions"]["motions"] == 8
+    for label in (JOINT, "dancing"):
+        assert all(entry["bone_drift"] < 1e-4 for entry in runs[label]["stability"].values())
+        assert all(entry["samples"] == 3 and entry["frames"] == 60 for entry in runs[label]["stability"].values())
+    assert runs["dancing"]["copies"]["held_out"] == sorted(runs["dancing"]["copies"]["held_out"])
+    assert set(runs[JOINT]["data"]) == set(ACTIONS)
+
+
+def test_called_again_it_trains_nothing_and_finds_the_same(made, capsys):
+    folder, _, result = made
+    told = []
+    again = dfn.reproduce("samples", runs=folder, jobs=1, quick=True, networks=("dancing",), train_missing=False,
+                          tell=told.append)  # fmt: skip
+    timed = ("seconds",)
+    one, two = (copy.deepcopy(r["runs"]["dancing"]) for r in (result, again))
+    for run in (one, two):
+        for entry in run["fan"]["prefixes"].values():
+            for key in timed:
+                entry.pop(key)
+    assert one == two
+    with pytest.raises(CheckpointError, match="steps 4"):
+        dfn.reproduce("samples", runs=folder, jobs=1, quick=True, networks=("dancing",), budget={"steps": 5},
+                      tell=told.append)  # fmt: skip
+
+
+def test_the_clips_themselves_are_followed():
+    """Places of one periodic motion that begin alike stay together; of two motions they part."""
+
+    class Clip:
+        def __init__(self, frames):
+            self.frames = frames
+
+    class Plain:
+        slices, fps = {"joints": slice(0, 3)}, 30.0
+
+        def encode(self, clip):
+            return clip.frames
+
+    t = np.arange(240)[:, None] / 20 * 2 * np.pi
+    cycle = np.concatenate([np.sin(t), np.cos(t), 0 * t], 1).astype(np.float32)
+    protocol = Protocol(prefix=20, fan_frames=40, at=(8, 40), similar=3)
+    same = data_fan(Plain(), [Clip(cycle), Clip(cycle.copy()), Clip(cycle.copy())], protocol)
+    assert same["alike"] < 1e-3 and max(same["pairwise"]) < 1e-3
+    other = cycle.copy()
+    other[120:] *= -1.0
+    parted = data_fan(Plain(), [Clip(cycle), Clip(other)], protocol)
+    assert parted["pairwise"][1] > 20 * same["pairwise"][1] + 0.02
+    assert data_fan(Plain(), [Clip(cycle[:50])], protocol) is None, "too short to be followed"
+
+
+# --- what is said of it ---------------------------------------------------------------------------
+
+
+def test_tables_and_findings_follow_the_numbers(made):
+    _, told, result = made
+    tables = dfn.tables(result)
+    assert "QUICK TRIAL" in str(tables["diversity"]) and "24 futures" in "\n".join(told)
+    found = {finding.claim: finding for finding in dfn.findings(result)}
+    changes = next(f for claim, f in found.items() if "3 of 12 kinds" in claim and "shipped" not in claim)
+    assert changes.ours is False
+    better = copy.deepcopy(result)
+    better["runs"][JOINT]["transitions"].update(kinds=5)
+    for entry in better["runs"]["dancing"]["stability"].values():
+        entry["count"] = 0
+    fan = better["runs"]["dancing"]["fan"]
+    entry = fan["prefixes"]["dancing"]
+    entry["pairwise"] = np.linspace(0.1, 1.0, len(entry["pairwise"])).tolist()
+    entry["band"][0] = np.linspace(0.1, fan["data"][0], len(entry["band"][0])).tolist()
+    said = {f.claim: f.ours for f in dfn.findings(better)}
+    for claim, ours in said.items():
+        if "3 of 12" in claim and "shipped" not in claim:
+            assert ours is True
+        if claim.endswith("each action alone"):
+            assert ours is True, claim
+        if "shipped" in claim or "Without" in claim:
+            assert ours is None, "not measured"
+
+
+def test_figures_of_what_is_not_there_are_none(made):
+    _, _, result = made
+    without = {**result, "runs": {"dancing": result["runs"]["dancing"]}}
+    assert [draw(without) for draw in (dfn.figure_6, dfn.figure_7, dfn.figure_8)] == [None] * 3
+    assert len(dfn.figure_9(without).axes) == 1 and len(dfn.figure_9(result).axes) == 4
+    assert len(dfn.figure_8(result).axes) == 8
+
+
+def test_the_command_line_reaches_it(tmp_path, monkeypatch, capsys):
+    seen = {}
+    monkeypatch.setattr(dfn, "reproduce", lambda *args, **kwargs: seen.update(args=args, **kwargs))
+    arguments = ["reproduce", "dynamic-future-net", "--data", "samples", "--steps", "30", "--quick", "--jobs", "1"]
+    assert cli.main([*arguments, "--runs", str(tmp_path)]) == 0
+    assert seen["args"] == ("samples",) and seen["budget"] == {"steps": 30} and seen["quick"] and seen["jobs"] == 1
+    with pytest.raises(SystemExit):
+        cli.main(["reproduce", "dynamic-future-net", "--tune"])  # it has no rates to choose
+
+
+def test_data_that_is_not_there(tmp_path):
+    with pytest.raises(DataError, match="cmu/walking"):
+        dfn.reproduce(str(tmp_path), runs=tmp_path / "runs", tell=lambda line: None)
+    with pytest.raises(DataError, match="reproduce dynamic-future-net makes one"):
+        dfn.load_result(tmp_path / "none.json")

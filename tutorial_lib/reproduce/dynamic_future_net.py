@@ -1,0 +1,133 @@
+"""Chen et al., "Dynamic Future Net": figures 6 to 9, stability, changes of action, limited data and ablations.
+
+What is trained
+    The Dynamic Future Net on walking, running, boxing and dancing, together and each alone; on 20 s and 7 s of dance;
+    together without the future state, and without the temporal-difference loss; beside it the acLSTM and the VAE-LSTM
+    on the same clips. Sizes and steps stand in :mod:`tutorial_lib.reproduce.dynamic_future_net_plan`: small networks
+    and few steps, for minutes of a CPU.
+
+What is measured
+    All prefixes are from clips never trained on. 20 motions of 900 frames of each action by the rules of lesson 3; 4096
+    motions of 128 frames from one prefix of each action, how far apart they are and how far from their mean, beside
+    the data's own; how often one action becomes another in 256 motions of 600 frames; how near generated windows come
+    to the training clips. What each is stands in :mod:`tutorial_lib.reproduce.dynamic_future_net_measure`,
+    :mod:`tutorial_lib.diversity` and :mod:`tutorial_lib.actions`. Weights that come with the library, which were
+    trained for longer, are measured as well.
+
+The result, a dict that is written as JSON
+    ========== ===================================================================================================
+    paper      "dynamic-future-net"; ``schema`` 1; ``versions``, ``date``
+    data       "cmu" or "samples"; ``data_sets`` of each action; ``quick``: true for a trial with tiny networks
+    protocol   prefix, frames, how many motions, ...; ``fps``
+    budget     steps, batch, length, hidden, horizon; ``seed``
+    runs       {name: a network}, names are the keys of ``NETWORKS``
+    ========== ===================================================================================================
+
+    A network has its label, title, system, actions, seconds of data, recipe, parameters, seconds of training, final
+    loss and what :func:`tutorial_lib.reproduce.dynamic_future_net_measure.measure` tells. What is not finite is None.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import pathlib
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from .. import pretrained
+from ..evaluate import jsonable
+from .cost import Costs, whole_cost
+from .dynamic_future_net_figures import figure_6, figure_7, figure_8, figure_9
+from .dynamic_future_net_findings import findings
+from .dynamic_future_net_measure import measure_published, seconds_of_measuring, train_and_measure
+from .dynamic_future_net_plan import NETWORKS, QUICK, SHIPPED, Budget, Plan, name_of
+from .dynamic_future_net_tables import SCHEMA, load_result, tables
+from .grid import Run, Told, finished, side_by_side
+from .results import head, tell_result, write_result
+from .sources import at_hand, check_data, data_from
+
+__all__ = ["figure_6", "figure_7", "figure_8", "figure_9", "findings", "load_result", "reproduce", "tables"]
+
+
+def reproduce(
+    source: str | None = None,
+    *,
+    runs: str | os.PathLike | None = None,
+    out: str | os.PathLike | None = None,
+    jobs: int = 2,
+    networks: Sequence[str] = tuple(NETWORKS),
+    train_missing: bool = True,
+    quick: bool = False,
+    budget: Mapping[str, int] | None = None,
+    tell: Callable[[str], None] = print,
+) -> dict[str, Any]:
+    """Train what is missing, measure, write result and figures; returns the result (see the top of this module).
+
+    Parameters
+    ----------
+    source : a folder with the four CMU data sets; "samples" for the sample motions; by default the clips that the
+        catalogue finds on this machine, and the samples where it finds none.
+    runs : folder for the checkpoints; out : folder for ``dynamic_future_net.json`` and the figures (by default that of
+        the runs).
+    jobs : how many runs are trained side by side, each in a process with one thread.
+    networks : of these only. budget : sizes that are not the default, ``{"steps": 2000}``.
+
+    Raises :class:`DataError` for data that is not at hand, ``CheckpointError`` if the folder of runs has a run of
+    another recipe in the place of one of these.
+    """
+    sizes = {**dataclasses.asdict(QUICK["budget"] if quick else Budget()), **(budget or {})}
+    made = {**(QUICK if quick else {}), "budget": Budget(**sizes), "networks": tuple(networks)}
+    plan = Plan(**made)
+    missing = [name for name in plan.data if not at_hand(name)] if source is None else []
+    if source == "samples" or missing:
+        plan = dataclasses.replace(plan, samples=True)
+        if missing:
+            tell(f"{missing[0]} is not at hand, so the sample motions stand in for it")
+    name = "dynamic-future-net" + ("-samples" if plan.samples else "")
+    runs = pathlib.Path(runs or pathlib.Path("runs") / name)
+    out = pathlib.Path(out or runs)
+    with data_from(None if plan.samples else source):
+        check_data(plan.data, of_folder=source is not None and not plan.samples,
+                   hint="--data samples takes the samples")  # fmt: skip
+        result = _measured(plan, runs, jobs=jobs, train_missing=train_missing, tell=tell)
+    path = write_result(result, out / "dynamic_future_net.json")
+    drawn = {f"figure-{n}": draw(result) for n, draw in ((6, figure_6), (7, figure_7), (8, figure_8), (9, figure_9))}
+    tell_result(path, tables(result), findings(result), drawn, tell)
+    return result
+
+
+def _measured(plan: Plan, folder: pathlib.Path, *, jobs: int, train_missing: bool,
+              tell: Callable[[str], None]) -> dict[str, Any]:  # fmt: skip
+    runs = plan.runs() if train_missing else finished(plan.runs(), folder)
+    left = {run.name: run.steps_left(folder) for run in runs}
+    by_recipe = {run.recipe: run for run in runs}
+    costs = Costs(lambda recipe: seconds_of_measuring(by_recipe[recipe], plan), 0.02 if plan.quick else 0.6)
+
+    def cost_of(run: Run) -> tuple[float, float]:
+        network = NETWORKS[name_of(run)]
+        kind = network.system, network.joint, *network.options  # how long it takes, whatever the action
+        step = costs.step(kind, run.recipe) if left[run.name] else 0.0
+        return step, costs.measuring(kind, run.recipe)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of clips that are too short: the training itself will tell
+        sizes = f"up to {max(run.recipe.steps for run in runs)} steps, {plan.budget.hidden} cells a layer"
+        cost = whole_cost(runs, left, cost_of, sizes=sizes, jobs=jobs, tell=tell)
+    told = Told(runs, left, cost, jobs=jobs, tell=tell)
+    parts = side_by_side(train_and_measure, [(run, folder, plan) for run in runs], jobs=jobs, heard=told)
+    entries = {name_of(run): part for run, part in zip(runs, parts, strict=True)}
+    if plan.published in [row.name for row in pretrained.list()]:
+        tell(f"measuring {plan.published}")
+        entries[SHIPPED] = side_by_side(measure_published, [(plan.published, plan.protocol)], jobs=jobs)[0]
+    result = {
+        **head("dynamic-future-net", SCHEMA),
+        "data": "samples" if plan.samples else "cmu",
+        "data_sets": plan.sources,
+        "quick": plan.quick,
+        "protocol": {**dataclasses.asdict(plan.protocol), "fps": runs[0].recipe.fps},
+        "budget": {**dataclasses.asdict(plan.budget), "seed": plan.seed},
+        "runs": entries,
+    }
+    return jsonable(result)

@@ -1,0 +1,132 @@
+"""Figures 6 to 9 of the Dynamic Future Net paper, of a result of ``reproduce dynamic-future-net``.
+
+None where the network that a figure is of is not in the result. Colours are the actions', in table 1's order.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..view import palette
+from ..view.figure import NotebookFigure
+from .dynamic_future_net_plan import ACTIONS, JOINT
+from .dynamic_future_net_tables import note
+from .results import Result, numbers
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LATENTS = {"z": "what is decoded, z", "s": "current state s"}
+
+
+def color(action: str) -> str:
+    """Of an action, in all figures."""
+    return palette.color(ACTIONS.index(action))
+
+
+def figure_6(result: Result) -> Figure | None:
+    """The codes z of a training clip of each action, one after another, in their two main directions."""
+    run = result["runs"].get(JOINT)
+    if run is None:
+        return None
+    figure = NotebookFigure(figsize=(4.6, 3.8), layout="constrained")
+    axes = figure.subplots()
+    for action, path in run["paths"]["clips"].items():
+        _path(axes, numbers(path), color(action), action)
+    figure.legend(loc="outside right upper", frameon=False, fontsize=9)
+    _plain(axes, "Figure 6: clips in the latent space" + note(result))
+    return figure
+
+
+def figure_7(result: Result) -> Figure | None:
+    """Futures of one prefix of each action in the directions of figure 6; a circle where they begin."""
+    run = result["runs"].get(JOINT)
+    if run is None:
+        return None
+    figure, panels = _panels(run["paths"]["futures"])
+    for axes, (action, futures) in zip(panels, run["paths"]["futures"].items(), strict=True):
+        for k, path in enumerate(futures):
+            tone = palette.mix(color(action), "#ffffff" if k % 2 else "#000000", 0.55 * k / len(futures))
+            _path(axes, numbers(path), tone)
+        _plain(axes, f"from {action}")
+    figure.suptitle("Figure 7: futures of one prefix" + note(result), fontsize=10)
+    return figure
+
+
+def figure_8(result: Result) -> Figure | None:
+    """The states of many futures of one prefix, early and late: z above, s below."""
+    run = result["runs"].get(JOINT)
+    if run is None:
+        return None
+    prefixes = run["fan"]["prefixes"]
+    figure = NotebookFigure(figsize=(2.4 * len(prefixes), 4.9), layout="constrained")
+    rows = figure.subplots(2, len(prefixes), squeeze=False)
+    early, late = (str(t) for t in result["protocol"]["at"])
+    for row, (name, title) in zip(rows, LATENTS.items(), strict=True):
+        for axes, (action, entry) in zip(row, prefixes.items(), strict=True):
+            for time, tone in ((late, palette.ORANGE), (early, palette.VERMILLION)):
+                x, y = numbers(entry["latent"][name][time]).T
+                axes.scatter(x, y, s=5, color=tone, linewidths=0, alpha=0.7, label=f"frame {time}")
+            _plain(axes, f"from {action}" if name == "z" else "")
+        row[0].set_ylabel(title, fontsize=9)
+    handles, labels = rows[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    figure.suptitle(f"Figure 8: {result['protocol']['fan']} futures of one prefix, some of them" + note(result),
+                    fontsize=10)  # fmt: skip
+    return figure
+
+
+def figure_9(result: Result, label: str | None = None) -> Figure | None:
+    """The distance to the mean pose over time, mean and deviation, and the data's behind it.
+
+    label: a network of several actions, by default the one of all four; without it each action's own network is
+    drawn, beside its own data.
+    """
+    runs = result["runs"]
+    found = {}
+    for action in ACTIONS:
+        run = runs.get(label or JOINT) or runs.get(action)
+        if run is not None and action in run["fan"]["prefixes"]:
+            found[action] = run
+    if not found:
+        return None
+    figure, panels = _panels(found)
+    for axes, (action, run) in zip(panels, found.items(), strict=True):
+        fan = run["fan"]
+        entry, x = fan["prefixes"][action], fan["frames"]
+        for (mean, deviation), tone, name in (
+            (fan["data"], palette.BLUE, "all data"), (entry["own"]["data"], palette.GREY, "this action's data")
+        ):  # fmt: skip
+            axes.axhspan(mean - deviation, mean + deviation, color=tone, alpha=0.15, linewidth=0, label=name)
+            axes.axhline(mean, color=tone, linewidth=1, linestyle=(0, (2, 2)))
+        mean, deviation = numbers(entry["band"])
+        axes.fill_between(x, mean - deviation, mean + deviation, color=palette.VERMILLION, alpha=0.3, linewidth=0)
+        axes.plot(x, mean, color=palette.VERMILLION, linewidth=1.8, label="futures")
+        axes.set_title(f"from {action}", fontsize=9)
+        axes.set_xlabel("frame", fontsize=8)
+        axes.set_ylim(bottom=0)
+        axes.tick_params(labelsize=7)
+    panels[0].set_ylabel("distance to the mean pose, m", fontsize=8)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    figure.suptitle("Figure 9: mean-distance bands" + note(result), fontsize=10)
+    return figure
+
+
+def _panels(found) -> tuple[NotebookFigure, np.ndarray]:
+    figure = NotebookFigure(figsize=(2.4 * len(found), 2.9), layout="constrained")
+    return figure, figure.subplots(1, len(found), squeeze=False)[0]
+
+
+def _path(axes: Axes, path: np.ndarray, tone: str, label: str = "") -> None:
+    axes.plot(*path.T, color=tone, linewidth=1, alpha=0.85, label=label or None)
+    axes.plot(*path[0], marker="o", color=tone, markerfacecolor="white", markersize=5, linestyle="none")
+
+
+def _plain(axes: Axes, title: str) -> None:
+    axes.set_title(title, fontsize=9)
+    axes.set_xticks([])
+    axes.set_yticks([])

@@ -1,0 +1,237 @@
+"""A result of ``reproduce dynamic-future-net`` to be read: what it says, and its tables."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..view.tables import ErrorTable, error_table
+from . import results
+from .dynamic_future_net_plan import ACLSTM, ACTIONS, JOINT, LIMITED, NETWORKS, NO_FUTURE, NO_TEMPORAL, SHIPPED, VAE
+from .results import RESULTS, Result, numbers
+
+RESULT = RESULTS / "dynamic_future_net.json"
+SCHEMA = 1
+TOGETHER = (JOINT, NO_FUTURE, NO_TEMPORAL, SHIPPED)
+DANCES = ("dancing", *(f"dancing, {seconds} s" for seconds in LIMITED))
+
+
+def load_result(path: str | os.PathLike | None = None) -> dict[str, Any]:
+    """A result that ``reproduce dynamic-future-net`` wrote; by default the one that comes with the library.
+
+    Raises :class:`DataError` for a file that is missing or is no such result.
+    """
+    return results.load_result(RESULT if path is None else path, "dynamic-future-net", SCHEMA)
+
+
+# --- what a result says ---------------------------------------------------------------------------
+
+
+def runs_of(result: Result, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The Dynamic Future Nets of these names that there are."""
+    return {label: result["runs"][label] for label in labels if label in result["runs"]}
+
+
+def alone(result: Result) -> dict[str, dict[str, Any]]:
+    """The networks of one action each, as far as they are there."""
+    return runs_of(result, ACTIONS)
+
+
+def nets(result: Result) -> dict[str, dict[str, Any]]:
+    """All Dynamic Future Nets."""
+    return {label: run for label, run in result["runs"].items() if NETWORKS[label].futures}
+
+
+def at_times(result: Result, run: dict[str, Any], action: str, what: str = "pairwise") -> np.ndarray:
+    """A network's fan from the prefix of an action at ``protocol.at`` (32 and 128 frames): metres.
+
+    what: "pairwise" distance, or "band", the mean distance to the mean.
+    """
+    fan = run["fan"]
+    entry = fan["prefixes"][action]
+    values = entry["pairwise"] if what == "pairwise" else entry["band"][0]
+    return numbers(values)[[fan["frames"].index(t) for t in result["protocol"]["at"]]]
+
+
+def band_share(result: Result, run: dict[str, Any], action: str, own: bool = False) -> float:
+    """The band's mean at the last time against the data's: of all that the network learnt, or of the action alone."""
+    fan = run["fan"]
+    data = (fan["prefixes"][action]["own"] if own else fan)["data"][0]
+    return float(at_times(result, run, action, "band")[-1] / data)
+
+
+def failed(run: dict[str, Any]) -> tuple[int, int]:
+    """How many motions of 900 frames failed by any rule, and of how many."""
+    return tuple(sum(entry[key] for entry in run["stability"].values()) for key in ("count", "samples"))
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def tables(result: Result) -> dict[str, ErrorTable]:
+    """"diversity": fans of 4096 from one prefix; "data": what the data do after beginnings that are alike;
+    "stability" of 900 frames; "transitions" of action; "copies"; "limited data"; "ablations"; "beside it"; "training".
+    """  # fmt: skip
+    found = {
+        "diversity": _diversity(result),
+        "data": _data(result),
+        "stability": _stability(result),
+        "transitions": _transitions(result),
+        "copies": _copies(result),
+        "limited data": _compared(result, DANCES, "Limited data: a dance from less and less of it"),
+        "ablations": _compared(result, TOGETHER, "Ablations: all four actions together"),
+        "beside it": _beside(result),
+        "training": _training(result),
+    }
+    return {name: table for name, table in found.items() if table is not None}
+
+
+def note(result: Result) -> str:
+    """What is to be known beside every table."""
+    text = "; SAMPLE MOTIONS, not captured" if result["data"] == "samples" else ""
+    return text + ("; QUICK TRIAL, nothing is learnt" if result["quick"] else "")
+
+
+def _diversity(result: Result) -> ErrorTable | None:
+    first, last = result["protocol"]["at"]
+    groups: dict[str, dict[str, list[float]]] = {}
+    for label, run in runs_of(result, (SHIPPED, JOINT, *ACTIONS)).items():
+        name = "each alone" if label in ACTIONS else NETWORKS[label].title
+        for action, entry in run["fan"]["prefixes"].items():
+            pairwise = at_times(result, run, action)
+            groups.setdefault(name, {})[action] = [
+                *pairwise, pairwise[1] / pairwise[0], at_times(result, run, action, "band")[-1],
+                entry["own"]["data"][0], run["fan"]["data"][0], 100 * entry["own"]["coverage"], 100 * entry["coverage"],
+                entry["seconds"],
+            ]  # fmt: skip
+    if not groups:
+        return None
+    columns = [f"apart {first}", f"apart {last}", "ratio", f"band {last}", "data's, action", "data's, all",
+               "covered %, action", "covered %, all", "seconds"]  # fmt: skip
+    caption = f"{result['protocol']['fan']} futures of one prefix: pairwise distance, and mean-distance band (figure 9)"
+    return error_table(columns, groups, caption=caption + note(result), unit="m over the whole pose", best=None)
+
+
+def _data(result: Result) -> ErrorTable | None:
+    first, last = result["protocol"]["at"]
+    rows = {}
+    for action, run in alone(result).items():
+        own = run["data"][action]
+        if own is not None:
+            share = own["band"][-1] / run["fan"]["data"][0]
+            rows[action] = [*own["pairwise"], own["band"][-1], 100 * share, 100 * band_share(result, run, action)]
+    if not rows:
+        return None
+    columns = [f"apart {first}", f"apart {last}", f"band {last}", "% of all poses'", "the network's %"]
+    return error_table(columns, {"the clips themselves": rows}, best=None, unit="m over the whole pose",
+                       caption=f"Places of the data that begin alike, {last} frames later" + note(result))  # fmt: skip
+
+
+def _stability(result: Result) -> ErrorTable | None:
+    groups = {}
+    for label, run in result["runs"].items():
+        if "stability" not in run:
+            continue
+        groups[NETWORKS[label].title] = {
+            action: [
+                str(entry["count"]), entry["stagnations"]["count"],
+                entry["lowest"], entry["foot_skate"]["generated"], entry["foot_skate"]["true"],
+                100 * entry["bone_drift"],
+            ]
+            for action, entry in run["stability"].items()
+        }  # fmt: skip
+    if not groups:
+        return None
+    fails = f"fail of {result['protocol']['stable']}"
+    columns = [fails, "standstills", "least change", "feet cm/s", "true feet", "bones %"]
+    caption = (
+        f"Open loop, {result['protocol']['frames']} frames after a prefix never trained on, by the rules of lesson 3"
+    )
+    return error_table(columns, groups, caption=caption + note(result), best=None)
+
+
+def _transitions(result: Result) -> ErrorTable | None:
+    groups = {}
+    for label, run in runs_of(result, TOGETHER).items():
+        found = run["transitions"]
+        heads = [f"to {action}" for action in found["actions"]]
+        title = (f"{NETWORKS[label].title}: {found['kinds']} of 12 kinds, {found['changed']} of {found['motions']} "
+                 f"motions change")  # fmt: skip
+        groups[title] = {
+            f"from {a}": [None if k == j else str(n) for j, n in enumerate(row)]
+            for k, (a, row) in enumerate(zip(found["actions"], found["counts"], strict=True))
+        }
+    if not groups:
+        return None
+    right = result["runs"][next(iter(runs_of(result, TOGETHER)))]["transitions"]
+    caption = (f"Changes of action in motions of {right['frames']} frames; the classifier is right about "
+               f"{100 * right['accuracy']:.1f} % of the windows of clips kept out")  # fmt: skip
+    return error_table(heads, groups, caption=caption + note(result), best=None)
+
+
+def _copies(result: Result) -> ErrorTable | None:
+    rows = {NETWORKS[label].title: [100 * x for k in ("generated", "held_out") for x in run["copies"][k]]
+            for label, run in nets(result).items()}  # fmt: skip
+    if not rows:
+        return None
+    columns = [f"{who} {q}" for who in ("generated", "kept out") for q in ("25 %", "50 %", "75 %")]
+    window = result["protocol"]["window"]
+    return error_table(columns, {"": rows}, unit="cm a joint", best=None,
+                       caption=f"Distance of {window} frames to the nearest in the clips trained on" + note(result),
+                       )  # fmt: skip
+
+
+def _compared(result: Result, labels: Sequence[str], caption: str) -> ErrorTable | None:
+    first, last = result["protocol"]["at"]
+    rows = {}
+    for run in runs_of(result, labels).values():
+        each = np.mean([at_times(result, run, action) for action in run["fan"]["prefixes"]], axis=0)
+        covered = [entry["coverage"] for entry in run["fan"]["prefixes"].values()]
+        count, samples = failed(run)
+        skate = np.mean([entry["foot_skate"]["generated"] for entry in run["stability"].values()])
+        kinds = run["transitions"]["kinds"] if run["transitions"] else None
+        rows[run["title"]] = [f"{run['train_seconds']:.0f}", *each, each[1] / each[0], 100 * np.mean(covered),
+                              f"{100 * count / samples:.0f}", skate, 100 * run["copies"]["generated"][1],
+                              None if kinds is None else str(kinds)]  # fmt: skip
+    if not rows:
+        return None
+    columns = ["data s", f"apart {first}", f"apart {last}", "ratio", "covered %", "fail %", "feet cm/s", "nearest cm",
+               "kinds of change"]  # fmt: skip
+    return error_table(columns, {"": rows}, caption=caption + note(result), best=None)
+
+
+def _beside(result: Result) -> ErrorTable | None:
+    first, last = result["protocol"]["at"]
+    groups: dict[str, dict[str, list]] = {}
+    for label in (JOINT, ACLSTM, VAE):
+        run = result["runs"].get(label)
+        if run is None:
+            continue
+        for action, entry in run["fan"]["prefixes"].items():
+            ways = {"": at_times(result, run, action) if label == JOINT else numbers(entry["pairwise"])}
+            if label == VAE:
+                ways = {", one code": ways[""], ", a code a step": numbers(entry["pairwise, a code a step"])}
+            fails = None
+            if "stability" in run:
+                fails = str(run["stability"][action]["count"])
+            for way, values in ways.items():
+                title = "Dynamic Future Net" if label == JOINT else run["title"]
+                groups.setdefault(f"{title}{way}", {})[action] = [*values, fails]
+    if not groups:
+        return None
+    columns = [f"apart {first}", f"apart {last}", f"fail of {result['protocol']['stable']}"]
+    return error_table(columns, groups, best=None, unit="m over the whole pose",
+                       caption="Pairwise distance of motions from one beginning, or on one path" + note(result),
+                       )  # fmt: skip
+
+
+def _training(result: Result) -> ErrorTable:
+    rows = {run["title"]: [str(run["recipe"]["steps"]), f"{run['seconds']:.0f}", str(run["parameters"]),
+                           f"{run['train_seconds']:.0f}"] for run in result["runs"].values()}  # fmt: skip
+    budget = result["budget"]
+    return error_table(["steps", "seconds", "parameters", "data s"], {"": rows}, best=None,
+                       caption=f"Training: batches of {budget['batch']} windows of {budget['length']} frames, horizon "
+                       f"{budget['horizon']}; seconds of a busy machine")  # fmt: skip

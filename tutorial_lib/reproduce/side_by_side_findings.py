@@ -1,0 +1,104 @@
+"""What the papers say of their systems and of each other's, held against one result in which all are measured alike."""
+
+from __future__ import annotations
+
+import math
+
+from .results import Finding, Result
+from .side_by_side_plan import DFN, SYSTEMS, VAE
+from .side_by_side_tables import error, failed, off_path, runs_of, value
+
+MOVED = 50  # per cent of the true motion change: who moves less is slowing down
+
+
+def findings(result: Result) -> list[Finding]:
+    """Each with its numbers; None where runs that it needs are missing."""
+    return [*_acrnn(result), *_vae_lstm(result), *_future(result), *_representation(result), *_nobody(result)]
+
+
+def _missing(result: Result, claim: str, *labels: str) -> Finding | None:
+    return None if all(runs_of(result, label) for label in labels) else Finding(claim, None, "not measured")
+
+
+def _acrnn(result: Result) -> list[Finding]:
+    late = [ms for ms in result["protocol"]["times_ms"] if ms >= 400]
+    claim = "acRNN, table 1: from 400 ms on acLSTM errs less than LSTM-3LR"
+    found = [_missing(result, claim, "aclstm", "lstm")]
+    if found[0] is None:
+        mine, other = ([error(result, label, ms) for ms in late] for label in ("aclstm", "lstm"))
+        said = ", ".join(f"{a:.1f} and {b:.1f}" for a, b in zip(mine, other, strict=True))
+        found = [Finding(claim, all(a < b for a, b in zip(mine, other, strict=True)), f"{said} cm")]
+    claim = "acRNN, figure 7: of these acLSTM fails least often"
+    others = ("lstm", "erd", "seq2seq", "scheduled-sampling")
+    missing = _missing(result, claim, "aclstm", *others)
+    if missing is None:
+        shares = {label: failed(result, label) for label in ("aclstm", *others)}
+        holds = all(shares["aclstm"] <= shares[label] for label in others) and shares["aclstm"] < max(shares.values())
+        missing = Finding(claim, holds, _listed({label: f"{100 * x:.0f} %" for label, x in shares.items()}))
+    return [*found, missing]
+
+
+def _vae_lstm(result: Result) -> list[Finding]:
+    predictors = [label for label in SYSTEMS if label != VAE and runs_of(result, label)]
+    claims = (
+        "VAE-LSTM, table 1: the systems that are shown the seed err less than it after 80 ms",
+        "VAE-LSTM, table 1: told where to go, it errs least after 640 ms",
+        "VAE-LSTM: it stays within 0.5 m of the path that it is told, moved by its own control",
+    )
+    if not runs_of(result, VAE) or not predictors:
+        return [Finding(claim, None, "not measured") for claim in claims]
+    found = []
+    for claim, ms, choose in ((claims[0], 80, max), (claims[1], 640, min)):
+        errors = {label: error(result, label, ms) for label in (*predictors, VAE)}
+        finite = {label: e if math.isfinite(e) else math.inf for label, e in errors.items()}
+        found.append(Finding(claim, choose(finite, key=finite.get) == VAE, _listed(_cm(errors))))
+    off = off_path(result, VAE)
+    found.append(Finding(claims[2], None if off is None else off < 0.5, f"{100 * (off or math.nan):.0f} cm on average"))
+    return found
+
+
+def _future(result: Result) -> list[Finding]:
+    claims = (
+        "Dynamic Future Net: one beginning, many futures (poses 1 cm apart and more after 2 s)",
+        "Dynamic Future Net: none of its motions of half a minute fails",
+        "Dynamic Future Net: its bones keep their length, to a hundredth of a per cent",
+    )
+    if not runs_of(result, DFN):
+        return [Finding(claim, None, "not measured") for claim in claims]
+    apart, fails = float(value(result, DFN, "futures", "pose")[-1]), failed(result, DFN)
+    bones = float(value(result, DFN, "flaws", "bones"))
+    return [
+        Finding(claims[0], apart >= 1, f"{apart:.1f} cm"),
+        Finding(claims[1], fails == 0, f"{100 * fails:.0f} % fail"),
+        Finding(claims[2], bones < 0.01, f"{bones:.4f} %"),
+    ]
+
+
+def _representation(result: Result) -> list[Finding]:
+    claim = "Neither paper: LSTM-3LR moves more after half a minute in the hip frame than in positions"
+    missing = _missing(result, claim, "lstm", "lstm-hip")
+    if missing is not None:
+        return [missing]
+    moves = {label: 100 * float(value(result, label, "moves")[-1])
+             for label in ("lstm", "aclstm", "lstm-hip", "aclstm-hip") if runs_of(result, label)}  # fmt: skip
+    return [Finding(claim, moves["lstm-hip"] > moves["lstm"], _listed({k: f"{v:.0f} %" for k, v in moves.items()}))]
+
+
+def _nobody(result: Result) -> list[Finding]:
+    """What one table can tell and none of the papers could: whether one system has everything."""
+    claim = "No system is among the three with the least error after 80 ms, fails never and draws its future"
+    labels = [label for label in SYSTEMS if runs_of(result, label)]
+    if len(labels) < len(SYSTEMS):
+        return [Finding(claim, None, "not measured")]
+    first = sorted(labels, key=lambda label: error(result, label, 80))[:3]
+    whole = [label for label in first if failed(result, label) == 0 and SYSTEMS[label].chance]
+    return [Finding(claim, not whole, "least error: " + _listed({label: f"{error(result, label, 80):.1f} cm, "
+            f"{100 * failed(result, label):.0f} % fail" for label in first}))]  # fmt: skip
+
+
+def _cm(errors: dict[str, float]) -> dict[str, str]:
+    return {label: f"{e:.1f} cm" for label, e in errors.items()}
+
+
+def _listed(values: dict[str, str]) -> str:
+    return ", ".join(f"{SYSTEMS[label].title} {text}" for label, text in values.items())
