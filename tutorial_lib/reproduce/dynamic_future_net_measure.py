@@ -24,12 +24,13 @@ from ..diversity import (
 from ..generate import SEED_FRAMES, generate_features, prepare_for
 from ..generate_control import generate_control_features
 from ..generate_futures import Futures, generate_futures, reconstruct, reconstruct_sequences
-from ..metrics import foot_joints, foot_skate
+from ..metrics import foot_joints, foot_slide
 from ..models.dynamic_future_net import STAGES
 from ..motion.clip import Motion, settled_positions
 from ..recipes import Recipe, recipe_in, trainer_for
 from ..representations import BodyFrame, Representation
 from ..training.checkpoints import Checkpoint, load_checkpoint, read_header
+from ..view.latent_plot import main_directions
 from .dynamic_future_net_plan import NETWORKS, SHIPPED, Network, Plan, Protocol, name_of, sets_for
 from .failures import Truth, failures
 from .grid import Report, Run, clips_for, one_thread, train
@@ -89,7 +90,7 @@ def measure(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, netwo
     return {
         "stability": found,
         "copies": copies(checkpoint.representation, train_clips, test_clips, windows, protocol),
-        "fan": fan(checkpoint, train_clips, test_clips, protocol, figures=network.figures),
+        "fan": fan(checkpoint, train_clips, test_clips, protocol, network),
         "data": {action: data_fan(checkpoint.representation, clips, protocol) for action, clips in train_clips.items()},
         "transitions": changes(checkpoint, train_clips, test_clips, protocol) if network.joint else None,
         "reconstruction": reconstruction(checkpoint, test_clips),
@@ -131,8 +132,8 @@ def stability(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips,
         made = generate_features(checkpoint, prefixes, protocol.frames)
         found[action] = {
             **failures(prefixes, made, representation, truth),
-            "foot_skate": {"generated": _skate(representation, made),
-                           "true": _skate(representation, [representation.encode(m) for m in clips])},
+            "foot_slide": {"generated": _slide(representation, made),
+                           "true": _slide(representation, encoded(representation, clips))},
             "bone_drift": float(max(metrics.bone_length_drift(representation.decode_positions(x),
                                                               representation.skeleton, reduce="max").max()
                                     for x in made)),
@@ -141,11 +142,11 @@ def stability(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips,
     return found, np.concatenate(everything)
 
 
-def _skate(representation: Representation, motions: Sequence[np.ndarray]) -> float:
-    """Centimetres a second, mean over features (T, D); each put on the ground first."""
+def _slide(representation: Representation, motions: Sequence[np.ndarray]) -> float:
+    """Centimetres a step, mean over features (T, D); each put on the ground first. NaN where nothing touches it."""
     feet, fps = foot_joints(representation.skeleton), representation.fps
-    each = (settled_positions(representation.decode_positions(x), fps) for x in motions)
-    return float(np.mean([foot_skate(positions, feet, fps) for positions in each]))
+    each = [foot_slide(settled_positions(representation.decode_positions(x), fps), feet, fps) for x in motions]
+    return float(np.nanmean(each)) if np.isfinite(each).any() else float("nan")
 
 
 # --- copies ---------------------------------------------------------------------------------------
@@ -177,13 +178,13 @@ def copies(representation: Representation, train_clips: Clips, test_clips: Clips
 # --- the fan --------------------------------------------------------------------------------------
 
 
-def fan(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol: Protocol, *,
-        figures: bool = False) -> dict[str, Any]:  # fmt: skip
+def fan(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol: Protocol,
+        network: Network) -> dict[str, Any]:  # fmt: skip
     """Thousands of futures of one prefix of each action: section 6.3, figures 8 and 9.
 
     For each prefix ``pairwise`` distance and ``band`` (mean, deviation) every :data:`CURVE` frames, the data's band of
     all that the network has learnt and of that action alone, the share of their areas that is covered, and the seconds
-    that it took. With ``figures`` also some of the latent z and s at two times, in their two main directions.
+    that it took. Where figures are wanted also some of the latent z and s at two times, in their two main directions.
     """
     representation = checkpoint.representation
     poses = {action: _some(np.concatenate([joints_of(representation, x) for x in encoded(representation, clips)]),
@@ -195,16 +196,19 @@ def fan(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol:
     for action, clips in test_clips.items():
         prefix = prefixes_of(representation, clips, 1, protocol.prefix)
         start = time.process_time()
-        made = generate_futures(checkpoint, protocol.fan_frames, prefix=prefix, count=protocol.fan)
+        made = generate_futures(
+            checkpoint, protocol.fan_frames, prefix=prefix, count=protocol.fan if network.many else protocol.pairs
+        )
         seconds = time.process_time() - start
         features = joints_of(representation, made.features(slice(CURVE - 1, None, CURVE)))  # (K, n, P)
         own = mean_distance_band(poses[action][:, None])
         entry = {
+            "motions": len(made),
             "seconds": round(seconds, 2),
             **compared(features, whole, protocol),
             "own": {"data": _band(own), "coverage": compared(features, own, protocol)["coverage"]},
         }
-        if figures:
+        if network.figures:
             entry["latent"] = latent_points(made, protocol)
         found["prefixes"][action] = entry
     return found
@@ -234,19 +238,12 @@ def _some(values: np.ndarray, count: int) -> np.ndarray:
     return values[np.linspace(0, len(values) - 1, min(count, len(values))).astype(int)]
 
 
-def principal(values: np.ndarray, directions: int = 2) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (C,) and main directions (C, n) of numbers (..., C): section 6.3, "a PCA model"."""
-    flat = values.reshape(-1, values.shape[-1]).astype(np.float64)
-    _, _, rows = np.linalg.svd(flat - flat.mean(0), full_matrices=False)
-    return flat.mean(0), rows[:directions].T
-
-
 def latent_points(made: Futures, protocol: Protocol) -> dict[str, Any]:
     """Figure 8: ``{"z" or "s": {frame: points (n, 2)}}`` of some of the motions."""
     found = {}
     for name, values in (("z", made.made.code), ("s", made.made.current)):
         there = np.stack([values[:, t - 1].numpy() for t in protocol.at])  # (times, K, C)
-        mean, main = principal(there)
+        mean, main = main_directions(there)
         found[name] = {str(t): rounded((x[: protocol.points] - mean) @ main, 3)
                        for t, x in zip(protocol.at, there, strict=True)}  # fmt: skip
     return found
@@ -370,7 +367,7 @@ def latent_paths(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, 
     network, representation = checkpoint.model, checkpoint.representation
     codes = {action: network.pose.encode(torch.from_numpy(encoded(representation, clips[:1])[0])).numpy()
              for action, clips in train_clips.items()}  # fmt: skip
-    mean, main = principal(np.concatenate(list(codes.values())))
+    mean, main = main_directions(np.concatenate(list(codes.values())))
 
     def drawn(path: np.ndarray) -> list:
         return rounded((path - mean) @ main, 3)
@@ -401,4 +398,4 @@ def seconds_of_measuring(run: Run, plan: Plan) -> float:
         start = time.monotonic()
         generate_futures(checkpoint, frames, count=count)
         each = (time.monotonic() - start) / (count * frames)
-    return 2 * each * protocol.fan * protocol.fan_frames * len(network.actions)
+    return 2 * each * (protocol.fan if network.many else protocol.pairs) * protocol.fan_frames * len(network.actions)
