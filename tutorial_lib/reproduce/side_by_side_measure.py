@@ -48,6 +48,7 @@ def train_and_measure(
         "recipe": run.recipe.to_dict(),
         "parameters": checkpoint.n_parameters,
         "seconds": checkpoint.training["seconds"],
+        "core_seconds": core_seconds(run.recipe, sets),
         "loss": checkpoint.training["loss"],
         **measure(checkpoint, test_clips, truth, protocol),
     }
@@ -187,6 +188,18 @@ def milliseconds(
         go_on(checkpoint, start, protocol.timed, control=told)
         spent.append(1000 * (time.process_time() - begin) / protocol.timed)
     return float(np.median(spent[1:]))
+
+
+def core_seconds(recipe: Recipe, sets: Clips, steps: int = 30) -> float:
+    """CPU time that training by a recipe takes with the threads that torch has, from a run of a few of its steps.
+
+    The clock on the wall tells as much of what else the machine did. Stages have their shares of the few, too.
+    """
+    steps = min(steps, recipe.steps)
+    trainer = trainer_for(dataclasses.replace(recipe, steps=steps), sets=sets)
+    begin = time.process_time()
+    trainer.run(progress=False, live_plot=False)
+    return (time.process_time() - begin) * recipe.steps / steps
 
 
 # --- what needs no network ------------------------------------------------------------------------
