@@ -118,7 +118,7 @@ PS4 = [
         "q and p exchanged",
         "divergence",
         "    spread =",
-        "    mean_q, mean_p, log_variance_q, log_variance_p = mean_p, mean_q, log_variance_p, log_variance_q\n    spread =",
+        "    log_variance_q, log_variance_p = log_variance_p, log_variance_q\n    spread =",
         ("test-divergence",),
     ),
     Wrong("without the half", "divergence", "0.5 *", "1.0 *", ("test-divergence",)),
@@ -154,7 +154,93 @@ PS4 = [
     Wrong("the one with the most active units", "active", "min(", "max(", ("test-collapsed",)),
 ]
 
-WRONG: dict[str, list[Wrong]] = {"ps1": PS1, "ps2": PS2, "ps3": PS3, "ps4": PS4}
+PS5 = [
+    Wrong("the frame itself has no future", "known", "T - H", "T - H + 1", ("test-known",)),
+    Wrong("futures that do not overlap", "known", "T - H", "T // H", ("test-known",)),
+    Wrong("without the frame itself", "futures", "z[t:t + H + 1]", "z[t + 1:t + H + 1]", ("test-futures",)),
+    Wrong("one too few", "futures", "range(len(z) - H)", "range(len(z) - H - 1)", ("test-futures",)),
+    Wrong(
+        "futures without chance",
+        "step",
+        "f = p.mean + (0.5 * p.log_variance).exp() * noise_f",
+        "f = p.mean",
+        ("test-imagine",),
+    ),
+    Wrong(
+        "the summary of the mean, whatever is drawn",
+        "step",
+        "summary_of(f, h)",
+        "summary_of(p.mean, h)",
+        ("test-imagine",),
+    ),
+    Wrong(
+        "the prior in the posterior's place",
+        "step",
+        "q_f, q_s = network.posterior_future(h, m)",
+        "q_f, q_s = network.prior_future(h)",
+        ("test-explain",),
+    ),
+    Wrong("the variance times the temperature", "temperature", "2 * math.log", "math.log", ("test-temperature",)),
+    Wrong(
+        "the logarithm times the temperature",
+        "temperature",
+        "log_variance + (2 * math.log(temperature) if temperature > 0 else -math.inf)",
+        "log_variance * temperature",
+        ("test-temperature",),
+    ),
+    Wrong("pairs of one future with itself", "fan", "in range(i)]", "in range(len(x))]", ("test-fan",)),
+    Wrong(
+        "squared distances",
+        "fan",
+        "np.linalg.norm(x[i] - x[j], axis=-1)",
+        "((x[i] - x[j]) ** 2).sum(-1)",
+        ("test-fan",),
+    ),
+    Wrong(
+        "coverage is fidelity",
+        "quality",
+        "true[:, None] - made[None]",
+        "made[:, None] - true[None]",
+        ("test-quality", "test-which"),
+    ),
+    Wrong(
+        "the most faithful one dances",
+        "quality",
+        "min(quality, key=lambda name: sum(quality[name]))",
+        "min(quality, key=lambda name: quality[name][0])",
+        ("test-which",),
+    ),
+]
+
+PS6 = [
+    Wrong("the other way round", "rate", "0.16", "0.01", ("test-rate",)),
+    Wrong("the same number a frame", "rate", "0.16", "0.04", ("test-rate",)),
+    Wrong("longer and shorter cancel", "bones", "np.abs(found - lengths)", "(found - lengths)", ("test-bones",)),
+    Wrong("in metres", "bones", "np.abs(found - lengths) / lengths", "np.abs(found - lengths)", ("test-bones",)),
+    Wrong("the height counts as slide", "feet", "[0, 2]]", "[0, 1, 2]]", ("test-feet",)),
+    Wrong("low in one of the two frames", "feet", "low[1:] & low[:-1]", "low[:-1]", ("test-feet",)),
+    Wrong("small is good everywhere", "beaten", "signs * np", "np", ("test-beaten",)),
+    Wrong("equals beat each other", "beaten", " and (cost[a] < cost[b]).any())", " and a != b)", ("test-beaten",)),
+    Wrong(
+        "beaten only where worse in every column",
+        "beaten",
+        "(cost[a] <= cost[b]).all() and (cost[a] < cost[b]).any()",
+        "(cost[a] < cost[b]).all()",
+        ("test-beaten",),
+    ),
+    Wrong("the error falls with N", "beginnings", " ** 2))", "))", ("test-beginnings",)),
+    Wrong("rounded down", "beginnings", "math.ceil", "int", ("test-beginnings",)),
+    Wrong(
+        "sorted once",
+        "order",
+        "np.argsort(np.argsort(a)) - np.argsort(np.argsort(b))",
+        "np.argsort(a) - np.argsort(b)",
+        ("test-order", "test-agreement"),
+    ),
+    Wrong("the worst agreement", "order", "= max(", "= min(", ("test-agreement",)),
+]
+
+WRONG: dict[str, list[Wrong]] = {"ps1": PS1, "ps2": PS2, "ps3": PS3, "ps4": PS4, "ps5": PS5, "ps6": PS6}
 
 # One submission that does what must not stop the grading of the rest: answer cells, and the tests they cost.
 BAD: dict[str, tuple[str, str]] = {

@@ -150,7 +150,10 @@ def test_a_statue_that_glides(walks):
     still = np.repeat(walks[0].resample(30.0).positions[None, :1], 91, axis=1)
     way = np.arange(91)[:, None, None] / 30 * np.array([0.3, 0.0, 0.0])
     found = flaws_of(still + way, walks[0].skeleton, 30.0)
-    assert found["foot_skate"] == pytest.approx(30.0, rel=1e-3) and found["bones"] == pytest.approx(0.0, abs=1e-9)
+    assert found["foot_slide"] == pytest.approx(30 * 3, rel=1e-3), "one step of three seconds"
+    assert found["steps"] == 1.0 and found["bones"] == pytest.approx(0.0, abs=1e-9)
+    flying = flaws_of(still + 10 * way, walks[0].skeleton, 30.0)  # too fast to stand
+    assert flying["steps"] == 0.0 and np.isnan(flying["foot_slide"])
     assert root_speed(still + way, 30.0) == pytest.approx(0.3)
     grown = still * (1 + 0.1 * (np.arange(91) > 45)[:, None, None])
     assert flaws_of(grown, walks[0].skeleton, 30.0)["bones"] == pytest.approx(10 * 45 / 91, rel=1e-3)
@@ -275,7 +278,11 @@ def test_a_run_that_is_not_finite_has_gaps_in_the_table(made):
     _, _, result = made
     broken = json.loads(json.dumps(result))
     run = broken["runs"]["seq2seq"]
-    run["error"], run["flaws"], run["moves"] = [1.0] + [None] * 7, {"foot_skate": None, "bones": None}, [None]
+    run["error"], run["flaws"], run["moves"] = (
+        [1.0] + [None] * 7,
+        {"foot_slide": None, "steps": 0.0, "bones": None},
+        [None],
+    )
     rows = next(iter(side_by_side.tables(broken)["side by side"].groups.values()))
     (cells,) = ([text for text, _ in numbers] for name, _, numbers in rows if name == "seq2seq")
     assert cells[0] == "1.0" and cells[1:4] == ["–"] * 3 and cells[6:8] == ["–"] * 2
@@ -291,7 +298,8 @@ def test_called_again_it_trains_nothing(made):
     assert {path: path.stat().st_mtime_ns for path in folder.glob("*.safetensors")} == before
     assert set(again["runs"]) == set(SYSTEMS) - {"erd"}
     for name, run in again["runs"].items():
-        assert {**run, "ms": 0} == {**result["runs"][name], "ms": 0}, "measured alike, but for the clock"
+        clock = {"ms": 0, "core_seconds": 0}
+        assert {**run, **clock} == {**result["runs"][name], **clock}, "measured alike, but for the clock"
 
 
 # --- bad input ------------------------------------------------------------------------------------

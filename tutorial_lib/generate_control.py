@@ -43,9 +43,15 @@ def posterior_code(model: VAELSTM, pose: Tensor, generator: torch.Generator | No
     T0 is ``config.stride``, four, in section 4.3: "As we use two max pooling layers in the encoder, this corresponds to
     4 initial frames". Of more frames (a multiple) the first step's code is drawn.
     """
-    model.eval()
+    _evaluating(model)
     mean, log_variance = model.infer(pose)  # (B, S0, H)
     return gaussian_sample(mean[:, 0], log_variance[:, 0], generator)
+
+
+def _evaluating(model: VAELSTM) -> None:
+    """Into evaluation mode, if it is not in it: going there anew would forget what the decoder keeps of its weights."""
+    if model.training:
+        model.eval()
 
 
 class ControlStream:
@@ -60,7 +66,7 @@ class ControlStream:
     """
 
     def __init__(self, model: VAELSTM, code: Tensor):
-        model.eval()
+        _evaluating(model)
         self.model, self.code = model, code
         self._halo, self._stride = model.config.halo, model.config.stride
         self._control: Tensor | None = None  # frames fed, from frame stride * _control_from on

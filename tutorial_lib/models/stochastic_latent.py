@@ -13,8 +13,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from .latent_scan import scan
 from .layers import mlp
-from .variational import gaussian_sample
+from .variational import gaussian_sample, standard_normal_like
 
 BOUND = 6.0  # of log-variances, so that no deviation is below 0.05 or above 20 whatever the network is fed
 
@@ -65,7 +66,7 @@ class StochasticLatent(nn.Module):
         layers: int = 2,
     ):  # fmt: skip
         super().__init__()
-        self.n_summary, self.n_future = summary, future
+        self.n_summary, self.n_current, self.n_future = summary, current, future
         if future:
             self.future_prior = mlp(hidden, 256, 2 * future, 3)  # g_f^p
             self.summary_decoder = mlp(future + hidden, 128, summary, 4)
@@ -135,21 +136,17 @@ class StochasticLatent(nn.Module):
         return self.prior_future(past).at_temperature(temperature).sample(generator)
 
     def infer(self, codes: Tensor, summaries: Tensor, generator: torch.Generator | None = None) -> Inferred:
-        """Run along codes ``(B, n, C)`` and summaries ``(B, n, M)`` of windows, from no past at all."""
-        state, steps = self.start(len(codes)), []
+        """Run along codes ``(B, n, C)`` and summaries ``(B, n, M)`` of windows, from no past at all.
+
+        ``f_t`` and ``s_t`` are drawn from their posteriors and lead to ``h_{t+1}``, frame by frame: :func:`.scan`.
+        """
         if not self.n_future:
             summaries = torch.zeros_like(summaries)
-        for z, m in zip(codes.unbind(1), summaries.unbind(1), strict=True):
-            h = state[-1]  # (B, G)
-            if self.n_future:
-                q_f = self.posterior_future(h, m)
-                f = q_f.sample(generator)  # (B, F)
-            else:
-                q_f = Gaussian(h[:, :0], h[:, :0])
-                f = h[:, :0]
-            q_s = self.posterior_current(h, z, m)
-            s = q_s.sample(generator)  # (B, S)
-            state = self.transition(state, s, f)
-            steps.append((h, f, s, *q_f, *q_s))
-        h, f, s, f_mean, f_log, s_mean, s_log = (torch.stack(column, 1) for column in zip(*steps, strict=True))
+        f_like, s_like = codes.new_empty(len(codes), self.n_future), codes.new_empty(len(codes), self.n_current)
+        noise = [[standard_normal_like(x, generator) for x in (f_like, s_like)] for _ in range(codes.shape[1])]
+        drawn = tuple(torch.stack(column) for column in zip(*noise, strict=True))  # (n, B, F) and (n, B, S)
+        future = self.future_posterior if self.n_future else None
+        h, f, s, f_mean, f_log, s_mean, s_log = scan(
+            codes, summaries, drawn, BOUND, future, self.current_posterior, self.cells
+        )
         return Inferred(h, f, s, Gaussian(f_mean, f_log), Gaussian(s_mean, s_log))

@@ -121,7 +121,7 @@ def _measured(plan: Plan, folder: pathlib.Path, *, jobs: int, train_missing: boo
     entries = {name_of(run): part for run, part in zip(runs, parts, strict=True)}
     if plan.published in [row.name for row in pretrained.list()]:
         tell(f"measuring {plan.published}")
-        entries[SHIPPED] = side_by_side(measure_published, [(plan.published, plan.protocol)], jobs=jobs)[0]
+        entries[SHIPPED] = side_by_side(measure_published, [(plan.published, folder, plan.protocol)], jobs=jobs)[0]
     result = {
         **head("dynamic-future-net", SCHEMA),
         "data": "samples" if plan.samples else "cmu",

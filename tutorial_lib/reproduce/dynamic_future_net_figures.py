@@ -11,6 +11,7 @@ import numpy as np
 
 from ..view import palette
 from ..view.figure import NotebookFigure
+from ..view.latent_plot import band_plot
 from .dynamic_future_net_plan import ACTIONS, JOINT
 from .dynamic_future_net_tables import note
 from .results import Result, numbers
@@ -79,41 +80,30 @@ def figure_8(result: Result) -> Figure | None:
     return figure
 
 
-def figure_9(result: Result, label: str | None = None) -> Figure | None:
-    """The distance to the mean pose over time, mean and deviation, and the data's behind it.
+def figure_9(result: Result, label: str | None = JOINT) -> Figure | None:
+    """The distance to the mean pose over time from a prefix of each action, mean and deviation, beside the data's.
 
-    label: a network of several actions, by default the one of all four; without it each action's own network is
-    drawn, beside its own data.
+    label: a network of several actions. None, or where it is not there: each action's own network.
     """
-    runs = result["runs"]
-    found = {}
+    runs, found = result["runs"], {}
     for action in ACTIONS:
-        run = runs.get(label or JOINT) or runs.get(action)
+        run = runs.get(label) or runs.get(action)
         if run is not None and action in run["fan"]["prefixes"]:
             found[action] = run
     if not found:
         return None
-    figure, panels = _panels(found)
-    for axes, (action, run) in zip(panels, found.items(), strict=True):
+    panels = {}
+    for action, run in found.items():
         fan = run["fan"]
-        entry, x = fan["prefixes"][action], fan["frames"]
-        for (mean, deviation), tone, name in (
-            (fan["data"], palette.BLUE, "all data"), (entry["own"]["data"], palette.GREY, "this action's data")
-        ):  # fmt: skip
-            axes.axhspan(mean - deviation, mean + deviation, color=tone, alpha=0.15, linewidth=0, label=name)
-            axes.axhline(mean, color=tone, linewidth=1, linestyle=(0, (2, 2)))
-        mean, deviation = numbers(entry["band"])
-        axes.fill_between(x, mean - deviation, mean + deviation, color=palette.VERMILLION, alpha=0.3, linewidth=0)
-        axes.plot(x, mean, color=palette.VERMILLION, linewidth=1.8, label="futures")
-        axes.set_title(f"from {action}", fontsize=9)
-        axes.set_xlabel("frame", fontsize=8)
-        axes.set_ylim(bottom=0)
-        axes.tick_params(labelsize=7)
-    panels[0].set_ylabel("distance to the mean pose, m", fontsize=8)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    figure.suptitle("Figure 9: mean-distance bands" + note(result), fontsize=10)
-    return figure
+        entry, flat = fan["prefixes"][action], np.ones(len(fan["frames"]))
+        panels[f"from {action}"] = {
+            "futures": tuple(numbers(values) for values in entry["band"]),
+            "data of this action": tuple(x * flat for x in entry["own"]["data"]),
+            "all data": tuple(x * flat for x in fan["data"]),
+        }
+    return band_plot(
+        panels, x=fan["frames"], xlabel="frame", title="Figure 9: distance to the mean pose, m" + note(result)
+    )
 
 
 def _panels(found) -> tuple[NotebookFigure, np.ndarray]:

@@ -105,7 +105,8 @@ def _whole(result: Result) -> list[Finding]:
                                                                  in pairs.items())  # fmt: skip
 
     def fast() -> tuple[bool, str]:
-        slowest = max(entry["seconds"] for run in runs.values() for entry in run["fan"]["prefixes"].values())
+        slowest = max(entry["seconds"] * result["protocol"]["fan"] / entry["motions"] for run in runs.values()
+                      for entry in run["fan"]["prefixes"].values())  # fmt: skip
         protocol = result["protocol"]
         return slowest <= 60, f"{slowest:.0f} s of one core, {protocol['fan']} of {protocol['fan_frames']} frames"
 

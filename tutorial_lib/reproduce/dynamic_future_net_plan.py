@@ -22,6 +22,7 @@ ACLSTM, VAE = "aclstm", "vae-lstm"
 SHIPPED = "shipped"
 PUBLISHED = {True: "dfn-samples", False: "dfn-cmu"}  # weights that come with the library: of the samples, of the clips
 LIMITED = (20, 7)  # seconds of dance; section 6.4 goes down to 7
+SHARES = {"pose_share": 0.45, "future_share": 0.15}  # of the steps; a step of stage 1 costs a fifth of one of stage 3
 JOIN = 0.3  # seconds of blending between CMU clips, of which the shortest has 1.2 s; the samples are long enough
 
 
@@ -30,7 +31,8 @@ class Network:
     """One network of the plan.
 
     actions: what it is trained on. steps: for each of the budget's. seconds: of data at most; None: all.
-    options: what it has of its own. figures: whether what figures 6 to 8 need is kept.
+    options: what it has of its own. figures: whether what figures 6 to 8 need is kept. many: whether all of the
+    protocol's fan is made.
     """
 
     title: str
@@ -40,6 +42,7 @@ class Network:
     seconds: int | None = None
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     figures: bool = False
+    many: bool = False
 
     @property
     def joint(self) -> bool:
@@ -53,12 +56,12 @@ class Network:
 
 
 NETWORKS = {
-    JOINT: Network("all four together", steps=2, figures=True),
-    **{action: Network(f"{action} alone", (action,)) for action in ACTIONS},
+    JOINT: Network("all four together", steps=2, figures=True, many=True),
+    **{action: Network(f"{action} alone", (action,), many=True) for action in ACTIONS},
     **{f"dancing, {s} s": Network(f"{s} s of dancing", ("dancing",), seconds=s) for s in LIMITED},
     NO_FUTURE: Network("together, without the future state", steps=2, options={"future": 0}),
     NO_TEMPORAL: Network("together, without the temporal-difference loss", steps=2, options={"temporal": 0.0}),
-    SHIPPED: Network("the weights shipped"),  # trained for longer, measured and not trained here
+    SHIPPED: Network("the weights shipped", many=True),  # trained for longer, measured and not trained here
     ACLSTM: Network("acLSTM", system="aclstm"),
     VAE: Network("VAE-LSTM", system="vae-lstm"),
 }
@@ -68,7 +71,7 @@ NETWORKS = {
 class Budget:
     """What all networks have alike; a joint one, with four times the data, has twice the steps."""
 
-    steps: int = 800
+    steps: int = 1000
     hidden: int = 128
     batch: int = 16
     length: int = 40
@@ -82,7 +85,7 @@ class Protocol:
     prefix: int = 20  # frames, section 6.1
     stable: int = 20  # motions of each action, from prefixes never trained on
     frames: int = 900
-    fan: int = 4096  # motions from each of four prefixes, section 6.3
+    fan: int = 4096  # motions from each of four prefixes, section 6.3; of networks beside the main ones ``pairs``
     fan_frames: int = 128
     at: tuple[int, ...] = (32, 128)  # frames at which they are compared, figure 8
     pairs: int = 1024  # of them, whose pairwise distance is told
@@ -135,7 +138,7 @@ class Plan:
         sizes["steps"] *= network.steps
         if not self.samples and network.seconds is None and network.system != "vae-lstm":
             sizes["join"] = JOIN
-        options = {"horizon": horizon} if network.futures else {}
+        options = {"horizon": horizon, **SHARES} if network.futures else {}
         if network.system == "vae-lstm":
             sizes.update(length=120 if not self.quick else 24, pad=True, steps=max(1, sizes["steps"] // 4))
         if network.system == "aclstm":

@@ -138,7 +138,7 @@ def _stability(result: Result) -> ErrorTable | None:
         groups[NETWORKS[label].title] = {
             action: [
                 str(entry["count"]), entry["stagnations"]["count"],
-                entry["lowest"], entry["foot_skate"]["generated"], entry["foot_skate"]["true"],
+                entry["lowest"], entry["foot_slide"]["generated"], entry["foot_slide"]["true"],
                 100 * entry["bone_drift"],
             ]
             for action, entry in run["stability"].items()
@@ -146,7 +146,7 @@ def _stability(result: Result) -> ErrorTable | None:
     if not groups:
         return None
     fails = f"fail of {result['protocol']['stable']}"
-    columns = [fails, "standstills", "least change", "feet cm/s", "true feet", "bones %"]
+    columns = [fails, "standstills", "least change", "slide cm", "true slide", "bones %"]
     caption = (
         f"Open loop, {result['protocol']['frames']} frames after a prefix never trained on, by the rules of lesson 3"
     )
@@ -191,14 +191,15 @@ def _compared(result: Result, labels: Sequence[str], caption: str) -> ErrorTable
         each = np.mean([at_times(result, run, action) for action in run["fan"]["prefixes"]], axis=0)
         covered = [entry["coverage"] for entry in run["fan"]["prefixes"].values()]
         count, samples = failed(run)
-        skate = np.mean([entry["foot_skate"]["generated"] for entry in run["stability"].values()])
+        slides = numbers([entry["foot_slide"]["generated"] for entry in run["stability"].values()])
+        slide = np.nanmean(slides) if np.isfinite(slides).any() else None
         kinds = run["transitions"]["kinds"] if run["transitions"] else None
         rows[run["title"]] = [f"{run['train_seconds']:.0f}", *each, each[1] / each[0], 100 * np.mean(covered),
-                              f"{100 * count / samples:.0f}", skate, 100 * run["copies"]["generated"][1],
+                              f"{100 * count / samples:.0f}", slide, 100 * run["copies"]["generated"][1],
                               None if kinds is None else str(kinds)]  # fmt: skip
     if not rows:
         return None
-    columns = ["data s", f"apart {first}", f"apart {last}", "ratio", "covered %", "fail %", "feet cm/s", "nearest cm",
+    columns = ["data s", f"apart {first}", f"apart {last}", "ratio", "covered %", "fail %", "slide cm", "nearest cm",
                "kinds of change"]  # fmt: skip
     return error_table(columns, {"": rows}, caption=caption + note(result), best=None)
 

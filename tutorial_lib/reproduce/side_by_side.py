@@ -25,8 +25,8 @@ The result, a dict that is written as JSON
     runs       {name: a run}, names as "aclstm", "lstm-hip", "-seed1" behind for other training seeds
     ========== ===================================================================================================
 
-    A run has its label, title, seed, recipe, parameters, seconds of training, final loss and what
-    :func:`~.side_by_side_measure.measure` tells. What is not finite is None. Seconds and milliseconds depend on the
+    A run has its label, title, seed, recipe, parameters, seconds of training by the clock and of one core, final loss
+    and what :func:`~.side_by_side_measure.measure` tells. What is not finite is None. Seconds and milliseconds depend on the
     machine and what else it does; nothing else should by more than rounding.
 """
 

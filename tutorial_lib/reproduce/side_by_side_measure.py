@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import pathlib
 import time
 from collections.abc import Sequence
@@ -47,6 +48,7 @@ def train_and_measure(
         "recipe": run.recipe.to_dict(),
         "parameters": checkpoint.n_parameters,
         "seconds": checkpoint.training["seconds"],
+        "core_seconds": core_seconds(run.recipe, sets),
         "loss": checkpoint.training["loss"],
         **measure(checkpoint, test_clips, truth, protocol),
     }
@@ -127,13 +129,16 @@ def errors_of(made: np.ndarray, truth: np.ndarray, fps: float) -> dict[str, Any]
 def flaws_of(positions: np.ndarray, skeleton: Skeleton, fps: float) -> dict[str, float]:
     """What is wrong with motions ``(K, T, J, 3)``.
 
-    ``foot_skate``: cm/s of standing feet, each motion put on the ground first. ``bones``: how much bones change their
-    length, per cent against the motion's own first frame.
+    ``foot_slide``: cm that a standing foot slides in one step, each motion put on the ground first; mean over the
+    motions that set a foot on it, whose share is ``steps``. ``bones``: how much bones change their length, per
+    cent against the motion's own first frame.
     """
     feet = metrics.foot_joints(skeleton)
-    skates = [float(metrics.foot_skate(settled_positions(x, fps), feet, fps)) for x in positions]
+    slides = np.array([float(metrics.foot_slide(settled_positions(x, fps), feet, fps)) for x in positions])
+    walk = np.isfinite(slides)
     return {
-        "foot_skate": float(np.mean(skates)),
+        "foot_slide": float(slides[walk].mean()) if walk.any() else math.nan,
+        "steps": float(walk.mean()),
         "bones": 100 * float(metrics.bone_length_drift(positions, skeleton, reference="first").mean()),
     }
 
@@ -183,6 +188,18 @@ def milliseconds(
         go_on(checkpoint, start, protocol.timed, control=told)
         spent.append(1000 * (time.process_time() - begin) / protocol.timed)
     return float(np.median(spent[1:]))
+
+
+def core_seconds(recipe: Recipe, sets: Clips, steps: int = 30) -> float:
+    """CPU time that training by a recipe takes with the threads that torch has, from a run of a few of its steps.
+
+    The clock on the wall tells as much of what else the machine did. Stages have their shares of the few, too.
+    """
+    steps = min(steps, recipe.steps)
+    trainer = trainer_for(dataclasses.replace(recipe, steps=steps), sets=sets)
+    begin = time.process_time()
+    trainer.run(progress=False, live_plot=False)
+    return (time.process_time() - begin) * recipe.steps / steps
 
 
 # --- what needs no network ------------------------------------------------------------------------

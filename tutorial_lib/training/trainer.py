@@ -139,7 +139,7 @@ class Trainer:
         self.seconds = 0.0  # spent in training, over all runs
         self._representation = getattr(batches, "representation", None) if representation is None else representation
         self._normalizer = getattr(batches, "normalizer", None) if normalizer is None else normalizer
-        self._provenance, self._sway = provenance, sway
+        self._provenance, self.sway = provenance, sway
         self._stopped = ""  # why, if it is for good
         self.stages = system.stages or (Stage(system.name, system.loss),)
         self._ends = stage_ends(self.stages, self.config.steps)
@@ -388,7 +388,7 @@ class Trainer:
             normalizer=self._normalizer,
             training=training,
             provenance=self._provenance or provenance(),
-            sway=self._sway,
+            sway=self.sway,
             state=self._state() if unfinished else None,
             half=half,
         )
