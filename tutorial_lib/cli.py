@@ -156,6 +156,7 @@ def _parser() -> argparse.ArgumentParser:
     actions = data.add_subparsers(title="actions", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="all data sets, where they are and under which licence")
     listing.set_defaults(run=_data_list)
+    _add_markdown(listing)
     fetch = actions.add_parser(
         "fetch", help="download data sets into the cache", epilog=f"example: {PROGRAM} data fetch cmu/martial"
     )
@@ -483,6 +484,7 @@ def _parser() -> argparse.ArgumentParser:
     actions = pretrained.add_subparsers(title="actions", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="all weights: their size, what they learnt from and how well")
     listing.set_defaults(run=_pretrained_list)
+    _add_markdown(listing)
     publishing = actions.add_parser(
         "publish",
         help="half precision, own seeds and measures for a finished run, as a file to pass on",
@@ -594,6 +596,14 @@ def _parser() -> argparse.ArgumentParser:
     for paper in (acrnn, vae, future, every):
         _add_reproduce(paper, tunes=paper in (acrnn, vae), seeded=paper is not future)
 
+    results = add("results", _results, "show the papers' tables beside ours, as they come with the library", "results")
+    results.add_argument(
+        "paper",
+        metavar="PAPER",
+        nargs="?",
+        help="all tables and findings of this one, as reproduce tells them (default: a few lines of each, in Markdown)",
+    )
+
     benchmark = add(
         "benchmark",
         _benchmark,
@@ -619,6 +629,10 @@ def _parser() -> argparse.ArgumentParser:
         help="turns, of which the median is told (default 9)",
     )
     return parser
+
+
+def _add_markdown(listing: argparse.ArgumentParser) -> None:
+    listing.add_argument("--markdown", action="store_true", help="as a table for a README: what is so everywhere")
 
 
 def _add_weights(command: argparse.ArgumentParser) -> None:
@@ -777,6 +791,13 @@ def _data_list(options: argparse.Namespace, _: Sequence[str]) -> None:
     def number(value: float | None, form: str) -> str:
         return "" if value is None else format(value, form)
 
+    if options.markdown:
+        from .view.tables import markdown_table
+
+        sets = [data.entry(name) for name in data.names()]  # as published, whatever is at hand
+        cells = [(f"`{row.name}`", row.clips, row.title, row.licence) for row in sets]
+        print(markdown_table(("name", "clips", "what", "licence"), cells, right=(1,)), end="")
+        return
     rows = [("name", "clips", "minutes", "MB", "at hand", "licence", "what")]
     rows += [
         (
@@ -1143,6 +1164,12 @@ def _evaluate(options: argparse.Namespace, _: Sequence[str]) -> None:
 def _pretrained_list(options: argparse.Namespace, _: Sequence[str]) -> None:
     from . import pretrained
 
+    if options.markdown:
+        from .view.tables import markdown_table
+
+        cells = [(f"`{row.name}`", f"{row.megabytes:.1f}", row.summary) for row in pretrained.list()]
+        print(markdown_table(("name", "MB", "what it is"), cells, right=(1,)), end="")
+        return
     print(pretrained.list())
 
 
@@ -1221,6 +1248,15 @@ def _reproduction(options: argparse.Namespace, *sizes: str) -> dict[str, Any]:
         "budget": {name: getattr(options, name) for name in sizes if getattr(options, name) is not None},
         "tell": _tell,
     }
+
+
+def _results(options: argparse.Namespace, _: Sequence[str]) -> None:
+    from .reproduce.shipped import full, short
+
+    if options.paper is not None:
+        print("\n".join(full(options.paper)))
+        return
+    print("\n".join(f"{table.caption}\n\n{table.markdown()}" for table in short()), end="")
 
 
 def _tell(line: str) -> None:

@@ -80,16 +80,14 @@ def figure_8(result: Result) -> Figure | None:
     return figure
 
 
-def figure_9(result: Result, label: str | None = None) -> Figure | None:
-    """The distance to the mean pose over time, mean and deviation, and the data's behind it.
+def figure_9(result: Result, label: str | None = JOINT) -> Figure | None:
+    """The distance to the mean pose over time from a prefix of each action, mean and deviation, beside the data's.
 
-    label: a network of several actions, by default the one of all four; without it each action's own network is
-    drawn, beside its own data.
+    label: a network of several actions. None, or where it is not there: each action's own network.
     """
-    runs = result["runs"]
-    found = {}
+    runs, found = result["runs"], {}
     for action in ACTIONS:
-        run = runs.get(label or JOINT) or runs.get(action)
+        run = runs.get(label) or runs.get(action)
         if run is not None and action in run["fan"]["prefixes"]:
             found[action] = run
     if not found:

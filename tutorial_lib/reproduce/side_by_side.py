@@ -117,7 +117,8 @@ def _measured(
         warnings.simplefilter("ignore")  # the training itself will tell
         cost = whole_cost(runs, left, cost_of, sizes=sizes, jobs=jobs, kind=name_of, tell=tell)
     told = Told(runs, left, cost, jobs=jobs, tell=tell)
-    parts = side_by_side(train_and_measure, [(run, folder, plan.protocol) for run in runs], jobs=jobs, heard=told)
+    tasks = [(run, folder.absolute(), plan.protocol) for run in runs]
+    parts = side_by_side(train_and_measure, tasks, jobs=jobs, heard=told, folder=folder)
     result = _frame(plan)
     for run, (split, measured) in zip(runs, parts, strict=True):
         result["splits"][f"seed {run.recipe.seed}"] = split
