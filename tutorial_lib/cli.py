@@ -1052,7 +1052,7 @@ def _walk(options: argparse.Namespace, _: Sequence[str]) -> None:
     if page:
         from .view import show
 
-        show(motions, layout="as is").save(out)
+        show(motions).save(out)
     else:
         with _whole_folder(out) as folder:
             for name, motion in zip(names, motions, strict=True):
