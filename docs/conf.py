@@ -31,7 +31,7 @@ root_doc = "docs/index"
 include_patterns = ["docs/**", "notebooks/**", "CONTRIBUTING.md", "README.md"]
 _read = {"docs", "notebooks", "CONTRIBUTING.md", "README.md"}
 exclude_patterns = [path.name for path in ROOT.iterdir() if path.name not in _read]
-exclude_patterns += ["docs/_*", "**/.ipynb_checkpoints", "notebooks/exercises/release", "notebooks/exercises/source"]
+exclude_patterns += ["docs/_*", "**/.ipynb_checkpoints", "notebooks/exercises/*/**"]  # nbgrader's folders
 
 # --- lessons
 nb_execution_mode = "off"
@@ -80,7 +80,7 @@ mathjax_path = "tex-svg.js"
 
 
 class CommandOutput(Directive):
-    """``{command} pretrained list``: what ``python -m tutorial_lib pretrained list`` prints now."""
+    """``{command} results``: what ``python -m tutorial_lib results`` prints now, which is Markdown."""
 
     required_arguments = 1
     final_argument_whitespace = True
@@ -94,8 +94,10 @@ class CommandOutput(Directive):
             status = main(shlex.split(self.arguments[0]))
         if status:
             raise self.error(f"python -m tutorial_lib {self.arguments[0]} ended with status {status}")
-        text = f"$ python -m tutorial_lib {self.arguments[0]}\n{printed.getvalue().rstrip()}"
-        return [nodes.literal_block(text, text, language="none")]
+        shown = nodes.container(classes=["command-output"])
+        self.state.nested_parse(printed.getvalue().splitlines(), 0, shown)
+        said = nodes.paragraph("", "", nodes.literal("", f"python -m tutorial_lib {self.arguments[0]}"))
+        return [said, shown]
 
 
 def describe_stills(app, doctree):
