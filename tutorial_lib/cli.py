@@ -574,7 +574,7 @@ def _parser() -> argparse.ArgumentParser:
         "--steps",
         type=_whole(3, MOST["steps"]),
         metavar="N",
-        help="of a network of one action (default 1000); one of all four has twice as many",
+        help="of a network of one action (default 800); one of all four has twice as many",
     )
 
     every = papers.add_parser(
