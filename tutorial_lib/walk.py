@@ -20,6 +20,8 @@ from .generate_control import control_network, generate_from_control
 from .motion.clip import Motion
 from .training.checkpoints import Checkpoint
 
+BRIDGE = 0.3  # s; a walker's foot is in the air for longer
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PlannedWalk:
@@ -56,7 +58,7 @@ def walk(
         the whole way, for who has one code at the start is like everybody else a second later.
     sway: the checkpoint's own (True), another, or none at all (False): then the network sees the smooth control of the
         path, which it has never seen in training, and glides.
-    clean: plant the feet and keep the bones' lengths (:func:`~tutorial_lib.cleanup.clean_up`); without, what the
+    clean: plant the feet and keep the bones' lengths (:func:`planted_feet`); without, what the
         network gave.
     rest: begin and end standing.
 
@@ -69,7 +71,12 @@ def walk(
         heading=planned.heading,
     )  # fmt: skip
     motions = [motion.with_name(f"walk-{k}") for k, motion in enumerate(motions, start=1)]
-    return [clean_up(motion, level=False) for motion in motions] if clean else motions
+    return [planted_feet(motion) for motion in motions] if clean else motions
+
+
+def planted_feet(motion: Motion) -> Motion:
+    """A walker cleaned up: :func:`~tutorial_lib.cleanup.clean_up` for somebody who lifts a foot to step on."""
+    return clean_up(motion, level=False, bridge=BRIDGE)
 
 
 def plan_walk(

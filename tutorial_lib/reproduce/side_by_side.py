@@ -26,8 +26,8 @@ The result, a dict that is written as JSON
     ========== ===================================================================================================
 
     A run has its label, title, seed, recipe, parameters, seconds of training by the clock and of one core, final loss
-    and what :func:`~.side_by_side_measure.measure` tells. What is not finite is None. Seconds and milliseconds depend on the
-    machine and what else it does; nothing else should by more than rounding.
+    and what :func:`~.side_by_side_measure.measure` tells. What is not finite is None. Seconds and milliseconds depend
+    on the machine and what else it does; nothing else should by more than rounding.
 """
 
 from __future__ import annotations
