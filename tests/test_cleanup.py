@@ -159,6 +159,23 @@ def test_a_foot_that_glides_gets_places_to_step_to():
     assert all(b[0] - a[1] > 4 for a, b in zip(stretches, stretches[1:], strict=False))
 
 
+def test_a_foot_that_glides_for_a_moment_has_not_been_lifted():
+    """In the middle of a stance it glides 12 cm in a quarter of a second: for a walker that is one stance; not if the
+    foot was lifted, went farther, or took longer."""
+    motion = statue(90)
+    toe = legs(motion.skeleton)[0].toe
+
+    def found(frames: int = 7, metres: float = 0.25, lift: float = 0.0, bridge: float = 0.3):
+        x = motion.positions.copy()
+        way = np.clip((np.arange(90) - 40) / frames, 0, 1)[:, None, None] * np.array([0, 0, metres])
+        x[41 : 40 + frames, toe, 1] += lift
+        return contact_stretches(Motion(motion.skeleton, FPS, x + way), [toe], bridge)[0]
+
+    assert len(found(bridge=0.0)) == 2 and found(metres=0.24) == [(0, 89)]
+    assert len(found(metres=0.4)) == 2 and len(found(lift=0.1)) == 2 and found(lift=0.03, metres=0.24) == [(0, 89)]
+    assert len(found(frames=14, metres=0.24, lift=0.045)) == 2
+
+
 def test_the_root_is_lowered_smoothly_and_enough():
     curve = np.zeros(60)
     curve[30], curve[33] = -0.2, -0.1

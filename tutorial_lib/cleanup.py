@@ -31,6 +31,7 @@ from .motion.skeletons import common_indices
 BLEND = 0.25  # seconds in which a foot comes to its place on the ground and leaves it
 SHORTEST = 0.1  # seconds; a shorter touch is no contact, a shorter gap no lift
 FARTHEST = 0.25  # metres; a foot that glides farther in one contact is given a new place
+LOW = 0.05  # metres above where it stands, below which a foot is not lifted to step on
 GROUND_SECONDS = 1.0  # what rises and comes down within it is a jump and no drift
 STRETCHED = 0.998  # of a leg's length: the farthest that a knee is straightened beyond what the motion has
 _SOFT = 0.005  # metres that a foot may sink
@@ -65,10 +66,11 @@ def legs(skeleton: Skeleton) -> tuple[Leg, Leg]:
     return both
 
 
-def clean_up(motion: Motion, *, level: bool = True) -> Motion:
+def clean_up(motion: Motion, *, level: bool = True, bridge: float = 0.0) -> Motion:
     """``motion`` with rigid bones and planted feet, in the steps that stand at the top of this module.
 
     level: whether to bring a drifting ground back to y = 0; without, the ground is y = 0 already.
+    bridge: seconds, of :func:`contact_stretches`: for a walker, who lifts a foot to step on.
     Returns a motion of the same frames, rate, skeleton and name, with rotations.
     Raises ``MotionError`` for a skeleton whose legs are not known.
     """
@@ -77,7 +79,7 @@ def clean_up(motion: Motion, *, level: bool = True) -> Motion:
     if level:
         motion = grounded(motion)
     feet = [node for leg in both for node in (leg.ankle, leg.toe)]
-    return planted(motion, dict(zip(feet, contact_stretches(motion, feet), strict=True)))
+    return planted(motion, dict(zip(feet, contact_stretches(motion, feet, bridge), strict=True)))
 
 
 # -- bones -------------------------------------------------------------------------------------------------
@@ -137,13 +139,16 @@ def _raised(motion: Motion, by: np.ndarray) -> Motion:
     return dataclasses.replace(motion, positions=motion.positions + up)
 
 
-def contact_stretches(motion: Motion, nodes: Sequence[int]) -> list[list[tuple[int, int]]]:
+def contact_stretches(motion: Motion, nodes: Sequence[int], bridge: float = 0.0) -> list[list[tuple[int, int]]]:
     """When each node stands on the ground: its stretches ``(first frame, last frame)``, in order.
 
     Hysteresis: a contact begins and ends where the rule of :func:`tutorial_lib.metrics.foot_contacts` holds loosely
     (less than 3 cm above the node's standing height, slower than 1 m/s along the ground), and somewhere inside it
     holds strictly (2 cm, 0.8 m/s). Gaps and touches shorter than ``SHORTEST`` are none. A foot that glides farther
     than ``FARTHEST`` gets several stretches, with ``BLEND`` seconds between them to move on.
+
+    bridge: seconds; a gap that is no longer, in which the node stays below ``LOW``, and that begins and ends within
+    ``FARTHEST``, is no lift either: it glided for a moment, as generated feet do.
     """
     if len(motion) < 2:
         return [[] for _ in nodes]
@@ -156,6 +161,8 @@ def contact_stretches(motion: Motion, nodes: Sequence[int]) -> list[list[tuple[i
     for k, node in enumerate(nodes):
         held = ndimage.binary_propagation(strict[:, k], mask=loose[:, k])
         stretches = _merged(_runs(held), short)
+        if bridge > 0:
+            stretches = _bridged(stretches, x[:, node], standing[k] + LOW, bridge * fps)
         stretches = [(a, b + 1) for a, b in stretches if b + 1 - a >= short]  # steps to frames
         along = x[:, node][:, [0, 2]]
         found.append([part for stretch in stretches for part in _split(along, *stretch, between)])
@@ -176,6 +183,20 @@ def _merged(runs: list[tuple[int, int]], gap: int) -> list[tuple[int, int]]:
         else:
             merged.append((a, b))
     return merged
+
+
+def _bridged(runs: list[tuple[int, int]], x: np.ndarray, low: float, gap: float) -> list[tuple[int, int]]:
+    """Runs of steps, with those made one between which a node at ``x`` ``(T, 3)`` is not lifted."""
+    joined: list[tuple[int, int]] = []
+    for a, b in runs:
+        if joined:
+            end = joined[-1][1] + 1  # the frame after the last step
+            near = np.linalg.norm((x[a] - x[end])[[0, 2]]) < FARTHEST
+            if near and a - end <= gap and x[end : a + 1, 1].max() < low:
+                joined[-1] = (joined[-1][0], b)
+                continue
+        joined.append((a, b))
+    return joined
 
 
 def _split(along: np.ndarray, first: int, last: int, between: int) -> list[tuple[int, int]]:

@@ -125,7 +125,8 @@ def _measured(plan: Plan, folder: pathlib.Path, *, jobs: int, train_missing: boo
         sizes = f"up to {max((run.recipe.steps for run in runs), default=0)} steps, {plan.budget.hidden} cells a layer"
         cost = whole_cost(runs, left, cost_of, sizes=sizes, jobs=jobs, tell=tell)
     told = Told(runs, left, cost, jobs=jobs, tell=tell)
-    parts = side_by_side(train_and_measure, [(run, folder, plan) for run in runs], jobs=jobs, heard=told)
+    tasks = [(run, folder.absolute(), plan) for run in runs]
+    parts = side_by_side(train_and_measure, tasks, jobs=jobs, heard=told, folder=folder)
     entries = {name_of(run): part for run, part in zip(runs, parts, strict=True)}
     if plan.published in [row.name for row in pretrained.list()]:
         tell(f"measuring {plan.published}")
