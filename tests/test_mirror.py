@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from tutorial_lib import data
+from tutorial_lib.cli import main
 from tutorial_lib.control import control_of
 from tutorial_lib.errors import MotionError
 from tutorial_lib.motion import Motion, Skeleton
 from tutorial_lib.motion.mirror import mirrored, other_side
 from tutorial_lib.motion.retarget import to_common
 from tutorial_lib.recipes import Recipe, trainer_for
+from tutorial_lib.training.checkpoints import read_header
 
 
 @pytest.fixture(scope="module")
@@ -66,3 +68,13 @@ def test_training_sees_every_clip_twice():
     one_sided = plain.batches.normalizer.invert(plain.batches.sample())[..., 63:].reshape(-1, 3).numpy()
     assert abs(seen[:, 0].mean()) < abs(one_sided[:, 0].mean()) / 2, "turning is even"
     assert Recipe.from_dict(recipe.to_dict()) == recipe
+
+
+def test_the_command_trains_on_mirror_images_and_says_so(tmp_path):
+    out = tmp_path / "walk.safetensors"
+    command = ["train", "vae-lstm", "--data", "samples/walking", "--hidden", "8", "--filters", "4", "--kernel", "5",
+               "--batch", "4", "--length", "40", "--out", str(out)]  # fmt: skip
+    assert main([*command, "--mirror", "--steps", "1"]) == 0
+    header = read_header(out)
+    assert header["training"]["mirror"] is True and len(header["provenance"]["clips"]) == 4
+    assert header["sway"]["limits"]["speed"] > 1.3, "a vae-lstm brings the gait of its clips"

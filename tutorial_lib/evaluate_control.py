@@ -149,7 +149,9 @@ def cost(checkpoint: Checkpoint, count: int, seconds: float = SECONDS, repeats: 
     """Milliseconds of CPU time in which ``count`` people are moved for a second: control to positions in the world.
 
     With the threads that torch has; the median of some runs of ``seconds`` of motion, after a first one that is not
-    counted.
+    counted. With the paper's sizes a second of one person takes ten million multiplications, 6.5 in the decoder and 3
+    in the control encoder, so that a crowd costs what arithmetic costs, each as much as the other; one person alone
+    costs two or three times that, of calls.
     """
     fps = checkpoint.representation.fps
     planned = plan_walk(checkpoint, np.array([[0.0, 0.0], [0.0, 1.3 * seconds]]), 1.3, count=count)

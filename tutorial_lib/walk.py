@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Sequence
 
@@ -19,6 +20,7 @@ from .generate import representation_of
 from .generate_control import control_network, generate_from_control
 from .motion.clip import Motion
 from .training.checkpoints import Checkpoint
+from .training.progress import Progress
 
 BRIDGE = 0.3  # s; a walker's foot is in the air for longer
 
@@ -48,6 +50,7 @@ def walk(
     sway: Sway | bool = True,
     clean: bool = True,
     rest: bool = False,
+    progress: bool = False,
 ) -> list[Motion]:
     """People who walk a path, ``count`` of them, all different.
 
@@ -58,9 +61,8 @@ def walk(
         the whole way, for who has one code at the start is like everybody else a second later.
     sway: the checkpoint's own (True), another, or none at all (False): then the network sees the smooth control of the
         path, which it has never seen in training, and glides.
-    clean: plant the feet and keep the bones' lengths (:func:`planted_feet`); without, what the
-        network gave.
-    rest: begin and end standing.
+    clean: plant the feet and keep the bones' lengths (:func:`planted_feet`); without, what the network gave.
+    rest: begin and end standing. progress: whether to show a bar.
 
     Raises ``MotionError`` for a path, pace or count that nobody can walk (:func:`~tutorial_lib.control.path_control`
     says which) and ``CheckpointError`` for a network that follows no control, or that brings no sway.
@@ -71,7 +73,13 @@ def walk(
         heading=planned.heading,
     )  # fmt: skip
     motions = [motion.with_name(f"walk-{k}") for k, motion in enumerate(motions, start=1)]
-    return [planted_feet(motion) for motion in motions] if clean else motions
+    if not clean:
+        return motions
+    with contextlib.closing(Progress(count, unit="person", title="planting feet", enabled=progress)) as bar:
+        for k, motion in enumerate(motions):
+            motions[k] = planted_feet(motion)
+            bar.update()
+    return motions
 
 
 def planted_feet(motion: Motion) -> Motion:

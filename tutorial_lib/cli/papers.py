@@ -100,7 +100,8 @@ def add(commands) -> None:
         "folder with cmu/walking, or: samples (default: where data list finds the clips, else the samples)",
         "side_by_side.json and its networks",
     )
-    for size, what in (("steps", "of LSTM-3LR; the others have as many as take as long"), ("hidden", "cells a layer")):
+    steps = "of training, of which each system takes its share (default 4000)"
+    for size, what in (("steps", steps), ("hidden", "cells a layer (default 64)")):
         every.add_argument(f"--{size}", type=whole(10 if size == "steps" else 1, MOST[size]), metavar="N", help=what)
     for paper in (acrnn, vae, future, every):
         _add_reproduce(paper, tunes=paper in (acrnn, vae), seeded=paper is not future)

@@ -197,13 +197,14 @@ def _walk(options: argparse.Namespace, _: Sequence[str]) -> None:
     names = [f"walk-{k:0{digits}d}.bvh" for k in range(1, options.count + 1)]
     check_not_input([out] if page else [out / name for name in names], [str(checkpoint.path), *files])
     motions = walk(
-        checkpoint, path, options.pace, count=options.count, seed=options.seed, clean=not options.raw, rest=options.rest
-    )
+        checkpoint, path, options.pace, count=options.count, seed=options.seed, clean=not options.raw,
+        rest=options.rest, progress=options.count > 1,
+    )  # fmt: skip
     away = [path_deviation(motion, path) for motion in motions]
     if page:
         from ..view import show
 
-        show(motions, layout="as is").save(out)
+        show(motions).save(out)
     else:
         with whole_folder(out) as folder:
             for name, motion in zip(names, motions, strict=True):

@@ -42,7 +42,7 @@ from .cost import Costs, whole_cost
 from .dynamic_future_net_figures import figure_6, figure_7, figure_8, figure_9
 from .dynamic_future_net_findings import findings
 from .dynamic_future_net_measure import measure_published, seconds_of_measuring, train_and_measure
-from .dynamic_future_net_plan import NETWORKS, QUICK, SHIPPED, Budget, Plan, name_of
+from .dynamic_future_net_plan import JOINT, NETWORKS, QUICK, SHIPPED, Budget, Plan, name_of
 from .dynamic_future_net_tables import SCHEMA, load_result, tables
 from .grid import Run, Told, finished, side_by_side
 from .results import head, tell_result, write_result
@@ -100,7 +100,9 @@ def reproduce(
 
 def _measured(plan: Plan, folder: pathlib.Path, *, jobs: int, train_missing: bool,
               tell: Callable[[str], None]) -> dict[str, Any]:  # fmt: skip
-    runs = plan.runs() if train_missing else finished(plan.runs(), folder)
+    runs = plan.runs()
+    if runs and not train_missing:
+        runs = finished(runs, folder)
     left = {run.name: run.steps_left(folder) for run in runs}
     by_recipe = {run.recipe: run for run in runs}
     costs = Costs(lambda recipe: seconds_of_measuring(by_recipe[recipe], plan), 0.02 if plan.quick else 0.6)
@@ -113,7 +115,7 @@ def _measured(plan: Plan, folder: pathlib.Path, *, jobs: int, train_missing: boo
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of clips that are too short: the training itself will tell
-        sizes = f"up to {max(run.recipe.steps for run in runs)} steps, {plan.budget.hidden} cells a layer"
+        sizes = f"up to {max((run.recipe.steps for run in runs), default=0)} steps, {plan.budget.hidden} cells a layer"
         cost = whole_cost(runs, left, cost_of, sizes=sizes, jobs=jobs, tell=tell)
     told = Told(runs, left, cost, jobs=jobs, tell=tell)
     tasks = [(run, folder.absolute(), plan) for run in runs]
@@ -127,7 +129,7 @@ def _measured(plan: Plan, folder: pathlib.Path, *, jobs: int, train_missing: boo
         "data": "samples" if plan.samples else "cmu",
         "data_sets": plan.sources,
         "quick": plan.quick,
-        "protocol": {**dataclasses.asdict(plan.protocol), "fps": runs[0].recipe.fps},
+        "protocol": {**dataclasses.asdict(plan.protocol), "fps": plan.recipe(JOINT).fps},
         "budget": {**dataclasses.asdict(plan.budget), "seed": plan.seed},
         "runs": entries,
     }

@@ -4,8 +4,8 @@ What is trained
     LSTM-3LR, acLSTM, scheduled sampling, ERD, seq2seq, the cRBM, the VAE-LSTM and the Dynamic Future Net, each in its
     own paper's representation, and two of them once more in another (:mod:`tutorial_lib.reproduce.side_by_side_plan`).
     All have the same training clips, mapped to the 21 common joints and one height, as many cells a layer, one learning
-    rate, and about the same seconds of one core. That is minutes where the papers have hours and days: the table tells
-    what a system gives for a small price, not the best that it can do.
+    rate, and a minute or so of one core. The papers have hours and days: the table tells what a system gives for a
+    small price, not the best that it can do.
 
 What is measured
     20 beginnings of 20 frames from test clips, the same for all; 900 frames after each. All measures are taken on
