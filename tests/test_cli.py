@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 import torch
 
-from tutorial_lib.cli import SYSTEM_OPTIONS, main
+from tutorial_lib.cli import main
+from tutorial_lib.cli.train import SYSTEM_OPTIONS
 from tutorial_lib.motion import Motion, Skeleton, read_bvh, write_bvh
 from tutorial_lib.training import rollout_benchmark
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header

@@ -404,7 +404,9 @@ def test_prefixes_that_cannot_be(trained, clip, small_motion):
     with pytest.raises(MotionError, match=r"\(2, 8, 5\).*expected \(2, frames, 67\)"):
         generate_futures(trained, 5, prefix=torch.zeros(2, 8, 5))
     at_120 = dataclasses.replace(clip[:20], fps=120.0)  # five frames at 30
-    with pytest.raises(MotionError, match="a prefix of 5 frames"):
+    with pytest.raises(
+        MotionError, match="frames at 120 a second .* is one of 5 at the network's 30: its past is 8 or more"
+    ):
         generate_futures(trained, 5, prefix=at_120)
 
 

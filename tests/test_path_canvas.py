@@ -136,7 +136,7 @@ def test_the_plot_from_above_has_z_to_the_right_and_x_up():
     assert path.get_xydata().tolist() == [[0, 0], [5, 1]]
     assert np.array_equal(hip.get_xydata(), clip.positions[:, 0, [2, 0]])
     assert axes.get_aspect() == 1 and axes.get_xlabel() == "z, metres"
-    assert len(path_plot(circle()).axes[0].get_lines()) == 1
+    assert [line.get_label() for line in path_plot(circle(), path_label="way").axes[0].get_lines()] == ["way"]
     for bad in (lambda: path_plot(None), lambda: path_plot([(0, 0)]), lambda: path_plot(None, {"a": np.zeros(3)})):
         with pytest.raises(TutorialError):
             bad()

@@ -303,7 +303,7 @@ def test_when_the_command_is_killed_its_processes_save_and_end(tmp_path):
     (tmp_path / "run.py").write_text(SIDE_BY_SIDE, encoding="utf-8")
     process = subprocess.Popen(
         [sys.executable, str(tmp_path / "run.py"), str(tmp_path)], stdout=subprocess.PIPE, text=True,
-        env={**os.environ, "PYTHONPATH": str(pathlib.Path(cli.__file__).parents[1])},
+        env={**os.environ, "PYTHONPATH": str(pathlib.Path(cli.__file__).parents[2])},
     )  # fmt: skip
     seen = set()
     for line in process.stdout:

@@ -155,6 +155,11 @@ def _features(checkpoint: Checkpoint, motions: Sequence[Motion]) -> Tensor:
             f"{LEAST_PREFIX} or more"
         )
     clips = prepare_for(checkpoint, motions)
+    if (left := min(map(len, clips))) < LEAST_PREFIX:
+        raise MotionError(
+            f"a prefix of {len(shortest)} frames at {shortest.fps:g} a second ({shortest.name or 'the motion'}) is one "
+            f"of {left} at the network's {representation.fps:g}: its past is {LEAST_PREFIX} or more"
+        )
     if len({len(clip) for clip in clips}) > 1:
         lengths = ", ".join(str(len(clip)) for clip in clips)
         raise MotionError(

@@ -1,6 +1,7 @@
 """Figures 6 to 9 of the Dynamic Future Net paper, of a result of ``reproduce dynamic-future-net``.
 
-None where the network that a figure is of is not in the result. Colours are the actions', in table 1's order.
+They are of a network of all four actions: the one named, by default the weights shipped, which were trained for
+longest, or else the plan's own. None where there is none. Colours are the actions', in table 1's order.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from ..view import palette
 from ..view.figure import NotebookFigure
 from ..view.latent_plot import band_plot
-from .dynamic_future_net_plan import ACTIONS, JOINT
+from .dynamic_future_net_plan import ACTIONS, JOINT, SHIPPED
 from .dynamic_future_net_tables import note
 from .results import Result, numbers
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+ALONE = "alone"
 LATENTS = {"z": "what is decoded, z", "s": "current state s"}
 
 
@@ -28,9 +30,16 @@ def color(action: str) -> str:
     return palette.color(ACTIONS.index(action))
 
 
-def figure_6(result: Result) -> Figure | None:
+def _drawn(result: Result, label: str | None, latent: bool = True) -> dict | None:
+    """The network that the figures are of; ``latent``: it must have what figures 6 to 8 are drawn from."""
+    runs = result["runs"]
+    run = runs.get(label) if label else runs.get(SHIPPED) or runs.get(JOINT)
+    return run if run is None or run["paths"] or not latent else None
+
+
+def figure_6(result: Result, label: str | None = None) -> Figure | None:
     """The codes z of a training clip of each action, one after another, in their two main directions."""
-    run = result["runs"].get(JOINT)
+    run = _drawn(result, label)
     if run is None:
         return None
     figure = NotebookFigure(figsize=(4.6, 3.8), layout="constrained")
@@ -42,9 +51,9 @@ def figure_6(result: Result) -> Figure | None:
     return figure
 
 
-def figure_7(result: Result) -> Figure | None:
+def figure_7(result: Result, label: str | None = None) -> Figure | None:
     """Futures of one prefix of each action in the directions of figure 6; a circle where they begin."""
-    run = result["runs"].get(JOINT)
+    run = _drawn(result, label)
     if run is None:
         return None
     figure, panels = _panels(run["paths"]["futures"])
@@ -57,9 +66,9 @@ def figure_7(result: Result) -> Figure | None:
     return figure
 
 
-def figure_8(result: Result) -> Figure | None:
+def figure_8(result: Result, label: str | None = None) -> Figure | None:
     """The states of many futures of one prefix, early and late: z above, s below."""
-    run = result["runs"].get(JOINT)
+    run = _drawn(result, label)
     if run is None:
         return None
     prefixes = run["fan"]["prefixes"]
@@ -81,15 +90,13 @@ def figure_8(result: Result) -> Figure | None:
 
 
 def figure_9(result: Result, label: str | None = None) -> Figure | None:
-    """The distance to the mean pose over time, mean and deviation, and the data's behind it.
+    """The distance to the mean pose over time from a prefix of each action, mean and deviation, beside the data's.
 
-    label: a network of several actions, by default the one of all four; without it each action's own network is
-    drawn, beside its own data.
+    label: as for the other figures; "alone": each action's own network, also where there is no other.
     """
-    runs = result["runs"]
-    found = {}
+    whole, found = None if label == ALONE else _drawn(result, label, latent=False), {}
     for action in ACTIONS:
-        run = runs.get(label or JOINT) or runs.get(action)
+        run = whole or (result["runs"].get(action) if label in (None, ALONE) else None)
         if run is not None and action in run["fan"]["prefixes"]:
             found[action] = run
     if not found:

@@ -2,60 +2,92 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+import hashlib
+import json
 import pathlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import torch
 
 from .. import metrics, pretrained
 from ..actions import accuracy, train_classifier, transitions
-from ..data.windows import evaluation_windows
-from ..diversity import (
-    band_coverage,
-    mean_distance,
-    mean_distance_band,
-    nearest_window,
-    pairwise_distance,
-    windows_of,
-)
+from ..diversity import nearest_window, windows_of
+from ..evaluate import jsonable
 from ..generate import SEED_FRAMES, generate_features, prepare_for
-from ..generate_control import generate_control_features
-from ..generate_futures import Futures, generate_futures, reconstruct, reconstruct_sequences
+from ..generate_futures import generate_futures, reconstruct, reconstruct_sequences
 from ..metrics import foot_joints, foot_slide
 from ..models.dynamic_future_net import STAGES
 from ..motion.clip import Motion, settled_positions
 from ..recipes import Recipe, recipe_in, trainer_for
 from ..representations import BodyFrame, Representation
 from ..training.checkpoints import Checkpoint, load_checkpoint, read_header
-from ..view.latent_plot import main_directions
+from .dynamic_future_net_fan import (
+    Clips,
+    data_fan,
+    deterministic_fan,
+    encoded,
+    fan,
+    joints_of,
+    latent_paths,
+    prefixes_of,
+    vae_fan,
+)
 from .dynamic_future_net_plan import NETWORKS, SHIPPED, Network, Plan, Protocol, name_of, sets_for
 from .failures import Truth, failures
 from .grid import Report, Run, clips_for, one_thread, train
-from .results import rounded
+from .results import rounded, write_result
 
-CURVE = 4  # frames between those at which a band is kept
-DATA_POSES = 4000  # of each action, from which the data's band is taken
 DATA_WINDOWS = 4000  # of the training clips, in which a copy is looked for
-
-Clips = Mapping[str, Sequence[Motion]]  # of each action
 
 
 def train_and_measure(run: Run, folder: pathlib.Path, plan: Plan, report: Report) -> dict[str, Any]:
     """A run trained to its end, and its entry in the result."""
     sets = sets_for(run)
     train(run, folder, report, sets)
-    entry = entry_of(load_checkpoint(run.path(folder)), run.recipe, name_of(run), sets, plan.protocol)
+    path = run.path(folder)
+    entry = kept(path, path.with_suffix(".json"), plan.protocol,
+                 lambda: entry_of(load_checkpoint(path), run.recipe, name_of(run), sets, plan.protocol))  # fmt: skip
     report(run.name, run.recipe.steps + 1)
     return entry
 
 
-def measure_published(name: str, protocol: Protocol, report: Report) -> dict[str, Any]:
+def measure_published(name: str, folder: pathlib.Path, protocol: Protocol, report: Report) -> dict[str, Any]:
     """The entry of weights that come with the library, on the clips that were kept out when they were trained."""
-    recipe = recipe_in(read_header(pretrained.path(name)))
-    return entry_of(pretrained.load(name), recipe, SHIPPED, clips_for(recipe), protocol)
+    path = pretrained.path(name)
+    recipe = recipe_in(read_header(path))
+    return kept(path, folder / f"{name}.json", protocol,
+                lambda: entry_of(pretrained.load(name), recipe, SHIPPED, clips_for(recipe), protocol))  # fmt: skip
+
+
+def kept(weights: pathlib.Path, path: pathlib.Path, protocol: Protocol,
+         measured: Callable[[], dict[str, Any]]) -> dict[str, Any]:  # fmt: skip
+    """What was measured of the same weights in the same way, if ``path`` has it; else it is measured and kept there.
+
+    Thousands of motions take minutes of each network: a command that was stopped need not make them again.
+    """
+    there = found_in(weights, path, protocol)
+    if there is None:
+        there = jsonable(measured())
+        write_result({**_asked(weights, protocol), "entry": there}, path)
+    return there
+
+
+def found_in(weights: pathlib.Path, path: pathlib.Path, protocol: Protocol) -> dict[str, Any] | None:
+    """What :func:`kept` has in ``path`` of these weights and this protocol; None if nothing."""
+    with contextlib.suppress(OSError, ValueError, TypeError):
+        there, asked = json.loads(path.read_text(encoding="utf-8")), _asked(weights, protocol)
+        if {key: there.get(key) for key in asked} == asked and isinstance(there.get("entry"), dict):
+            return there["entry"]
+    return None
+
+
+def _asked(weights: pathlib.Path, protocol: Protocol) -> dict[str, Any]:
+    return {"weights": hashlib.sha256(weights.read_bytes()).hexdigest(),
+            "protocol": jsonable(dataclasses.asdict(protocol))}  # fmt: skip
 
 
 def entry_of(checkpoint: Checkpoint, recipe: Recipe, name: str, sets: Sequence[tuple[list[Motion], list[Motion]]],
@@ -96,21 +128,6 @@ def measure(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, netwo
         "reconstruction": reconstruction(checkpoint, test_clips),
         "paths": latent_paths(checkpoint, train_clips, test_clips, protocol) if network.figures else None,
     }
-
-
-def joints_of(representation: Representation, features: np.ndarray) -> np.ndarray:
-    """The poses ``(..., T, 3 J)`` in features that have the joints in the body's frame."""
-    return features[..., representation.slices["joints"]]
-
-
-def encoded(representation: Representation, clips: Sequence[Motion]) -> list[np.ndarray]:
-    """Features (T, D) of each clip."""
-    return [representation.encode(clip) for clip in clips]
-
-
-def prefixes_of(representation: Representation, clips: Sequence[Motion], count: int, frames: int) -> np.ndarray:
-    """(count, frames, D): beginnings spread over the clips."""
-    return evaluation_windows(clips, representation, seed_frames=frames, future_frames=0, count=count)[0].numpy()
 
 
 # --- stability ------------------------------------------------------------------------------------
@@ -175,151 +192,28 @@ def copies(representation: Representation, train_clips: Clips, test_clips: Clips
     return found
 
 
-# --- the fan --------------------------------------------------------------------------------------
-
-
-def fan(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol: Protocol,
-        network: Network) -> dict[str, Any]:  # fmt: skip
-    """Thousands of futures of one prefix of each action: section 6.3, figures 8 and 9.
-
-    For each prefix ``pairwise`` distance and ``band`` (mean, deviation) every :data:`CURVE` frames, the data's band of
-    all that the network has learnt and of that action alone, the share of their areas that is covered, and the seconds
-    that it took. Where figures are wanted also some of the latent z and s at two times, in their two main directions.
-    """
-    representation = checkpoint.representation
-    poses = {action: _some(np.concatenate([joints_of(representation, x) for x in encoded(representation, clips)]),
-                           DATA_POSES) for action, clips in train_clips.items()}  # fmt: skip
-    least = min(map(len, poses.values()))  # so that each action counts the same
-    whole = mean_distance_band(np.concatenate([_some(x, least) for x in poses.values()])[:, None])
-    at = np.arange(CURVE - 1, protocol.fan_frames, CURVE)
-    found: dict[str, Any] = {"frames": (at + 1).tolist(), "data": _band(whole), "prefixes": {}}
-    for action, clips in test_clips.items():
-        prefix = prefixes_of(representation, clips, 1, protocol.prefix)
-        start = time.process_time()
-        made = generate_futures(
-            checkpoint, protocol.fan_frames, prefix=prefix, count=protocol.fan if network.many else protocol.pairs
-        )
-        seconds = time.process_time() - start
-        features = joints_of(representation, made.features(slice(CURVE - 1, None, CURVE)))  # (K, n, P)
-        own = mean_distance_band(poses[action][:, None])
-        entry = {
-            "motions": len(made),
-            "seconds": round(seconds, 2),
-            **compared(features, whole, protocol),
-            "own": {"data": _band(own), "coverage": compared(features, own, protocol)["coverage"]},
-        }
-        if network.figures:
-            entry["latent"] = latent_points(made, protocol)
-        found["prefixes"][action] = entry
-    return found
-
-
-def compared(poses: np.ndarray, data: Any, protocol: Protocol) -> dict[str, Any]:
-    """Futures ``(K, n, P)`` of one prefix: pairwise distance, band, and how much of the data's band they cover."""
-    band = mean_distance_band(poses)
-    low, high, data_low, data_high = (
-        edge for b in (band, data) for edge in (b.mean - b.deviation, b.mean + b.deviation)
-    )
-    distance = mean_distance(poses[:, -1:])[:, 0]
-    return {
-        "pairwise": rounded(pairwise_distance(poses[: protocol.pairs])),
-        "band": [rounded(band.mean), rounded(band.deviation)],
-        "coverage": float(band_coverage(low, high, data_low, data_high)),
-        "spread": rounded(np.quantile(distance, (0.05, 0.5, 0.95))),
-    }
-
-
-def _band(band: Any) -> list[float]:
-    return [float(band.mean[0]), float(band.deviation[0])]
-
-
-def _some(values: np.ndarray, count: int) -> np.ndarray:
-    """Evenly thinned to ``count`` at most."""
-    return values[np.linspace(0, len(values) - 1, min(count, len(values))).astype(int)]
-
-
-def latent_points(made: Futures, protocol: Protocol) -> dict[str, Any]:
-    """Figure 8: ``{"z" or "s": {frame: points (n, 2)}}`` of some of the motions."""
+def elsewhere(train_clips: Clips, protocol: Protocol) -> dict[str, list[float]]:
+    """How near windows of the training clips of each action come to others of that action a second away or more:
+    quartiles in metres, a yardstick for :func:`copies` that needs no network. Clips are prepared already."""
     found = {}
-    for name, values in (("z", made.made.code), ("s", made.made.current)):
-        there = np.stack([values[:, t - 1].numpy() for t in protocol.at])  # (times, K, C)
-        mean, main = main_directions(there)
-        found[name] = {str(t): rounded((x[: protocol.points] - mean) @ main, 3)
-                       for t, x in zip(protocol.at, there, strict=True)}  # fmt: skip
+    for action, clips in train_clips.items():
+        representation = BodyFrame(clips[0].skeleton, clips[0].fps)
+        each = [windows_of(joints_of(representation, x), protocol.window) for x in encoded(representation, clips)
+                if len(x) >= protocol.window]  # fmt: skip
+        distances, gap = [], round(representation.fps) + protocol.window
+        stride = max(1, sum(map(len, each)) // DATA_WINDOWS)
+        for k, windows in enumerate(each):
+            for at in range(0, len(windows), max(2 * protocol.window, len(windows) // 20)):
+                others = [w[::stride] for j, w in enumerate(each) if j != k]
+                others += [windows[: max(0, at - gap) : stride], windows[at + gap :: stride]]
+                others = np.concatenate(others)
+                if len(others):
+                    distances.append(float(nearest_window(windows[at : at + 1], others)[0]))
+        found[action] = rounded(np.quantile(distances, (0.25, 0.5, 0.75))) if distances else None
     return found
 
 
-def data_fan(representation: Representation, clips: Sequence[Motion], protocol: Protocol) -> dict[str, Any] | None:
-    """What the data themselves do after beginnings that are alike, for a fan to be held against.
-
-    Of places spread over the clips the ``protocol.similar`` that begin most alike (the prefix's frames, no two within
-    half a second of each other) are followed: pairwise distance, and the mean distance to their mean (corrected for so
-    few), at ``protocol.at``. ``alike``: how far from the first the last of them begins, metres a joint. None where
-    clips are too short.
-    """
-    length, gap = protocol.prefix + protocol.fan_frames, round(representation.fps / 2)
-    each = [windows_of(joints_of(representation, x), length, 2) for x in encoded(representation, clips)
-            if len(x) >= length]  # fmt: skip
-    if not each:
-        return None
-    windows = np.concatenate(each)
-    clip = np.repeat(np.arange(len(each)), [len(w) for w in each])
-    place = 2 * np.concatenate([np.arange(len(w)) for w in each])
-    begin = torch.from_numpy(windows[:, : protocol.prefix].reshape(len(windows), -1))
-    scale = (3 / begin.shape[1]) ** 0.5
-    found, alike = [], []
-    for k in _some(np.arange(len(windows)), 32):
-        distance = torch.cdist(begin[k : k + 1], begin)[0].numpy() * scale
-        kept: list[int] = []
-        for j in np.argsort(distance):
-            if all(clip[j] != clip[i] or abs(place[j] - place[i]) > gap for i in kept):
-                kept.append(int(j))
-            if len(kept) == protocol.similar:
-                break
-        if len(kept) < 2:
-            return None
-        after = windows[kept][:, [protocol.prefix + t - 1 for t in protocol.at]]
-        unbiased = (len(kept) / (len(kept) - 1)) ** 0.5
-        found.append([pairwise_distance(after), mean_distance_band(after).mean * unbiased])
-        alike.append(distance[kept[-1]])
-    pairwise, band = np.mean(found, axis=0)
-    return {"pairwise": rounded(pairwise), "band": rounded(band), "alike": float(np.mean(alike))}
-
-
-# --- beside it ------------------------------------------------------------------------------------
-
-
-def deterministic_fan(checkpoint: Checkpoint, test_clips: Clips, protocol: Protocol) -> dict[str, Any]:
-    """What a network that predicts the next frame makes of one prefix, several times: poses in the body's frame."""
-    representation, found = checkpoint.representation, {}
-    body = BodyFrame(representation.skeleton, representation.fps)
-    for action, clips in test_clips.items():
-        prefix = prefixes_of(representation, clips, 1, protocol.prefix)
-        made = generate_features(checkpoint, np.repeat(prefix, 4, 0), protocol.fan_frames)
-        poses = np.stack([joints_of(body, body.encode_arrays(x, None)) for x in representation.decode_positions(made)])
-        found[action] = {"pairwise": rounded(pairwise_distance(poses[:, [t - 1 for t in protocol.at]]), 3)}
-    return {"prefixes": found}
-
-
-def vae_fan(checkpoint: Checkpoint, test_clips: Clips, protocol: Protocol) -> dict[str, Any]:
-    """Prior samples of the VAE-LSTM along the control of one test window of each action, a code each and one a step."""
-    representation, found = checkpoint.representation, {}
-    count = min(protocol.fan, 256)
-    length = protocol.fan_frames - protocol.fan_frames % checkpoint.model.config.stride
-    for action, clips in test_clips.items():
-        clip = max(clips, key=len)
-        features = representation.encode(clip)
-        control = np.resize(features[:, representation.slices["control"]], (length, 3))  # short ones over again
-        many, entry = np.broadcast_to(control, (count, *control.shape)), {}
-        for codes in ("one", "per-step"):
-            poses = joints_of(representation, generate_control_features(checkpoint, many, codes=codes))
-            at = [min(t, length) - 1 for t in protocol.at]
-            entry[codes] = rounded(pairwise_distance(poses[:, at]), 3)
-        found[action] = {"pairwise": entry["one"], "pairwise, a code a step": entry["per-step"]}
-    return {"prefixes": found}
-
-
-# --- actions, reconstruction, paths ---------------------------------------------------------------
+# --- actions and reconstruction -------------------------------------------------------------------
 
 
 def changes(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol: Protocol) -> dict[str, Any]:
@@ -360,34 +254,16 @@ def reconstruction(checkpoint: Checkpoint, test_clips: Clips) -> dict[str, float
     return found
 
 
-@torch.no_grad()
-def latent_paths(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol: Protocol) -> dict[str, Any]:
-    """Figures 6 and 7 in the two main directions of the training clips' codes: paths of a clip of each action, and of
-    futures of one prefix."""
-    network, representation = checkpoint.model, checkpoint.representation
-    codes = {action: network.pose.encode(torch.from_numpy(encoded(representation, clips[:1])[0])).numpy()
-             for action, clips in train_clips.items()}  # fmt: skip
-    mean, main = main_directions(np.concatenate(list(codes.values())))
-
-    def drawn(path: np.ndarray) -> list:
-        return rounded((path - mean) @ main, 3)
-
-    futures = {}
-    for action, clips in test_clips.items():
-        prefix = prefixes_of(representation, clips, 1, protocol.prefix)
-        made = generate_futures(checkpoint, protocol.fan_frames, prefix=prefix, count=protocol.paths)
-        futures[action] = [drawn(made.codes(k).numpy()[protocol.prefix - 1 :]) for k in range(len(made))]
-    frames = protocol.fan_frames
-    return {"clips": {action: drawn(path[:frames]) for action, path in codes.items()}, "futures": futures}
-
-
 # --- cost -----------------------------------------------------------------------------------------
 
 
-def seconds_of_measuring(run: Run, plan: Plan) -> float:
+def seconds_of_measuring(run: Run, folder: pathlib.Path, plan: Plan) -> float:
     """How long measuring a network takes about: making its fans, from a few frames of some with fresh weights, twice
-    over for all that is done with them."""
+    over for all that is done with them. Nothing where it is kept already."""
     network, sets, protocol = NETWORKS[name_of(run)], sets_for(run), plan.protocol
+    path = run.path(folder)
+    if path.exists() and found_in(path, path.with_suffix(".json"), protocol) is not None:
+        return 0.0
     if not network.futures:
         return 10.0
     trainer = trainer_for(run.recipe, sets=sets)

@@ -57,11 +57,11 @@ class Network:
 
 NETWORKS = {
     JOINT: Network("all four together", steps=2, figures=True, many=True),
-    **{action: Network(f"{action} alone", (action,), many=True) for action in ACTIONS},
+    **{action: Network(f"{action} alone", (action,)) for action in ACTIONS},
     **{f"dancing, {s} s": Network(f"{s} s of dancing", ("dancing",), seconds=s) for s in LIMITED},
     NO_FUTURE: Network("together, without the future state", steps=2, options={"future": 0}),
     NO_TEMPORAL: Network("together, without the temporal-difference loss", steps=2, options={"temporal": 0.0}),
-    SHIPPED: Network("the weights shipped", many=True),  # trained for longer, measured and not trained here
+    SHIPPED: Network("the weights shipped", figures=True, many=True),  # trained for longer; here only measured
     ACLSTM: Network("acLSTM", system="aclstm"),
     VAE: Network("VAE-LSTM", system="vae-lstm"),
 }
@@ -71,7 +71,7 @@ NETWORKS = {
 class Budget:
     """What all networks have alike; a joint one, with four times the data, has twice the steps."""
 
-    steps: int = 1000
+    steps: int = 800
     hidden: int = 128
     batch: int = 16
     length: int = 40
@@ -114,8 +114,8 @@ class Plan:
         for name in self.networks:
             if name not in NETWORKS:
                 raise TutorialError(f"unknown network {name!r}: expected some of {', '.join(NETWORKS)}")
-        if not set(self.networks) - {SHIPPED}:
-            raise TutorialError(f"no network to train: expected some of {', '.join(NETWORKS)}")
+        if not self.networks:
+            raise TutorialError(f"no network to measure: expected some of {', '.join(NETWORKS)}")
 
     @property
     def sources(self) -> dict[str, str]:

@@ -4,8 +4,8 @@ What is trained
     LSTM-3LR, acLSTM, scheduled sampling, ERD, seq2seq, the cRBM, the VAE-LSTM and the Dynamic Future Net, each in its
     own paper's representation, and two of them once more in another (:mod:`tutorial_lib.reproduce.side_by_side_plan`).
     All have the same training clips, mapped to the 21 common joints and one height, as many cells a layer, one learning
-    rate, and about the same seconds of one core. That is minutes where the papers have hours and days: the table tells
-    what a system gives for a small price, not the best that it can do.
+    rate, and a minute or so of one core. The papers have hours and days: the table tells what a system gives for a
+    small price, not the best that it can do.
 
 What is measured
     20 beginnings of 20 frames from test clips, the same for all; 900 frames after each. All measures are taken on
@@ -25,9 +25,9 @@ The result, a dict that is written as JSON
     runs       {name: a run}, names as "aclstm", "lstm-hip", "-seed1" behind for other training seeds
     ========== ===================================================================================================
 
-    A run has its label, title, seed, recipe, parameters, seconds of training, final loss and what
-    :func:`~.side_by_side_measure.measure` tells. What is not finite is None. Seconds and milliseconds depend on the
-    machine and what else it does; nothing else should by more than rounding.
+    A run has its label, title, seed, recipe, parameters, seconds of training by the clock and of one core, final loss
+    and what :func:`~.side_by_side_measure.measure` tells. What is not finite is None. Seconds and milliseconds depend
+    on the machine and what else it does; nothing else should by more than rounding.
 """
 
 from __future__ import annotations
@@ -117,7 +117,8 @@ def _measured(
         warnings.simplefilter("ignore")  # the training itself will tell
         cost = whole_cost(runs, left, cost_of, sizes=sizes, jobs=jobs, kind=name_of, tell=tell)
     told = Told(runs, left, cost, jobs=jobs, tell=tell)
-    parts = side_by_side(train_and_measure, [(run, folder, plan.protocol) for run in runs], jobs=jobs, heard=told)
+    tasks = [(run, folder.absolute(), plan.protocol) for run in runs]
+    parts = side_by_side(train_and_measure, tasks, jobs=jobs, heard=told, folder=folder)
     result = _frame(plan)
     for run, (split, measured) in zip(runs, parts, strict=True):
         result["splits"][f"seed {run.recipe.seed}"] = split

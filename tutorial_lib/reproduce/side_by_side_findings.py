@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from .results import Finding, Result
+from .results import Finding, Result, numbers
 from .side_by_side_plan import DFN, SYSTEMS, VAE
 from .side_by_side_tables import error, failed, off_path, runs_of, value
 
@@ -43,7 +43,7 @@ def _vae_lstm(result: Result) -> list[Finding]:
     claims = (
         "VAE-LSTM, table 1: the systems that are shown the seed err less than it after 80 ms",
         "VAE-LSTM, table 1: told where to go, it errs least after 640 ms",
-        "VAE-LSTM: it stays within 0.5 m of the path that it is told, moved by its own control",
+        "VAE-LSTM: it goes where it is told (0.1 m off the path at most), in steps of half a metre and more",
     )
     if not runs_of(result, VAE) or not predictors:
         return [Finding(claim, None, "not measured") for claim in claims]
@@ -52,8 +52,10 @@ def _vae_lstm(result: Result) -> list[Finding]:
         errors = {label: error(result, label, ms) for label in (*predictors, VAE)}
         finite = {label: e if math.isfinite(e) else math.inf for label, e in errors.items()}
         found.append(Finding(claim, choose(finite, key=finite.get) == VAE, _listed(_cm(errors))))
-    off = off_path(result, VAE)
-    found.append(Finding(claims[2], None if off is None else off < 0.5, f"{100 * (off or math.nan):.0f} cm on average"))
+    walks = [path for run in runs_of(result, VAE) for path in run["paths"].values()]
+    off, steps = off_path(result, VAE) or math.nan, numbers([path["before"]["step_length"] for path in walks])
+    said = f"{100 * off:.1f} cm off on average, steps of {', '.join(f'{100 * step:.0f}' for step in steps)} cm"
+    found.append(Finding(claims[2], bool(off < 0.1 and (steps > 0.5).all()), said))
     return found
 
 

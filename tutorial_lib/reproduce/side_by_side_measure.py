@@ -13,6 +13,7 @@ import numpy as np
 
 from .. import metrics
 from ..clip_errors import joint_error, sample_diversity
+from ..evaluate_control import measured_walk
 from ..motion.clip import Motion, settled_positions
 from ..motion.skeleton import Skeleton
 from ..pretrained import publish
@@ -24,7 +25,6 @@ from .grid import Clips, Report, Run, clips_for, one_thread, train
 from .results import rounded
 from .side_by_side_plan import SYSTEMS, Protocol, name_of
 from .side_by_side_rollouts import control_for, follows_control, go_on, windows_of
-from .vae_lstm_beyond import walk
 
 BLOCK = 90  # frames, three seconds, over which the motion change of the long run is averaged
 FUTURE_TIMES = (0.5, 1.0, 2.0)  # s after the seed at which futures are compared
@@ -48,6 +48,7 @@ def train_and_measure(
         "recipe": run.recipe.to_dict(),
         "parameters": checkpoint.n_parameters,
         "seconds": checkpoint.training["seconds"],
+        "core_seconds": core_seconds(run.recipe, sets),
         "loss": checkpoint.training["loss"],
         **measure(checkpoint, test_clips, truth, protocol),
     }
@@ -66,8 +67,9 @@ def measure(checkpoint: Checkpoint, clips: Sequence[Motion], truth: Truth, proto
 
     ``error``, ``pose_error``: see :func:`errors_of`. ``moves``: motion change as a share of the true one, mean of every
     three seconds. ``speed``: m/s of the root. ``failures``: by rule. ``flaws``: see :func:`flaws_of`. ``futures``: see
-    :func:`futures_of`. ``paths``: of one that follows a control, how far it goes from prepared paths, else None.
-    ``ms``: milliseconds a frame.
+    :func:`futures_of`. ``paths``: of one that follows a control what
+    :func:`~tutorial_lib.evaluate_control.measured_walk` tells of prepared paths, else None. ``ms``: milliseconds a
+    frame.
     """
     seed_frames, horizon = protocol.seed_frames, horizon_of(protocol)
     windows = windows_of(clips, seed_frames + horizon, protocol.seeds, checkpoint.representation.fps)
@@ -85,7 +87,8 @@ def measure(checkpoint: Checkpoint, clips: Sequence[Motion], truth: Truth, proto
         "failures": failures(features[:, :seed_frames], features[:, seed_frames:], common, truth),
         "flaws": flaws_of(alone, skeleton, fps),
         "futures": futures_of(checkpoint, windows, clips, protocol),
-        "paths": {name: walk(checkpoint, name, protocol) for name in protocol.paths} if control is not None else None,
+        "paths": None if control is None else {name: measured_walk(checkpoint, name, protocol.pace)
+                                               for name in protocol.paths},
         "ms": milliseconds(checkpoint, starts[:1], control, protocol),
     }  # fmt: skip
 
@@ -189,6 +192,18 @@ def milliseconds(
     return float(np.median(spent[1:]))
 
 
+def core_seconds(recipe: Recipe, sets: Clips, steps: int = 30) -> float:
+    """CPU time that training by a recipe takes with the threads that torch has, from a run of a few of its steps.
+
+    The clock on the wall tells as much of what else the machine did. Stages have their shares of the few, too.
+    """
+    steps = min(steps, recipe.steps)
+    trainer = trainer_for(dataclasses.replace(recipe, steps=steps), sets=sets)
+    begin = time.process_time()
+    trainer.run(progress=False, live_plot=False)
+    return (time.process_time() - begin) * recipe.steps / steps
+
+
 # --- what needs no network ------------------------------------------------------------------------
 
 
@@ -221,14 +236,12 @@ def split_of(
 
 
 def seconds_of_measuring(recipe: Recipe, sets: Clips, protocol: Protocol) -> float:
-    """How long measuring a network will take, from a shorter one with fresh weights."""
+    """How long measuring a network will take at least, from a shorter one with fresh weights, which walk no path."""
     trainer = trainer_for(recipe, sets=sets)
     checkpoint = Checkpoint(recipe.system, trainer.model.eval(), trainer.batches.representation,
                             trainer.batches.normalizer, {}, {})  # fmt: skip
     train_clips, test_clips = ([m for part in sets for m in part[k]] for k in (0, 1))
-    short = dataclasses.replace(
-        protocol, frames=min(protocol.frames, 90), futures=2, timed=10, paths=protocol.paths[:1]
-    )
+    short = dataclasses.replace(protocol, frames=min(protocol.frames, 90), futures=2, timed=10, paths=())
     with one_thread():
         start = time.monotonic()
         truth = Truth.of(train_clips, test_clips, _common(train_clips[0].skeleton, recipe.fps))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ SCHEMA = 1
 STOPS = ("freezing", "stuck")  # of the rules; the others find who leaves human poses
 COLUMNS = (
     "80 ms, cm", "320 ms, cm", "640 ms, cm", "moves, %", "stops, %", "leaves, %", "feet, cm", "bones, %",
-    "futures, cm", "off path, cm", "weights, k", "steps", "s", "ms a frame",
+    "futures, cm", "off path, cm", "weights, k", "steps", "core s", "ms a frame",
 )  # fmt: skip
 SHOWN_MS = (80, 320, 640)
 
@@ -45,14 +45,12 @@ def runs_of(result: Result, label: str) -> list[dict[str, Any]]:
 def value(result: Result, label: str, *keys: str) -> np.ndarray | None:
     """A number of a run, or an array of them, mean over training seeds: ``value(result, "aclstm", "flaws", "bones")``.
 
-    NaN where it is not finite. None without such a run, or where the system has no such measure.
+    NaN where it is not finite. None without such a run.
     """
     found = []
     for run in runs_of(result, label):
         for key in keys:
-            run = None if run is None else run[key]
-        if run is None and keys[-1] in ("paths", "given", "predicted"):
-            return None
+            run = run[key]
         found.append(numbers(run))
     return np.mean(found, axis=0) if found else None
 
@@ -69,13 +67,13 @@ def failed(result: Result, label: str, rules: Sequence[str] = tuple(RULES)) -> f
     return sum(first is not None and first[0] in rules for first in firsts) / len(firsts) if firsts else math.nan
 
 
-def off_path(result: Result, label: str, moved: str = "predicted") -> float | None:
+def off_path(result: Result, label: str, moved: str = "mean") -> float | None:
     """Metres from the prepared paths, mean over them; None for a system that goes where it likes.
 
-    moved: by the control that it puts out itself ("predicted"), or by the one that it was told ("given").
+    moved: by the control that it was told ("mean"), or by the one that it puts out itself ("predicted").
     """
     found = [run["paths"] for run in runs_of(result, label) if run["paths"]]
-    return float(np.mean([path[moved]["mean"] for paths in found for path in paths.values()])) if found else None
+    return float(np.mean([p["deviation"][moved] for paths in found for p in paths.values()])) if found else None
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -150,10 +148,10 @@ def _side_by_side(result: Result, data: str, note: str) -> ErrorTable:
             _text(value(result, label, "flaws", "foot_slide"), 1),
             _text(value(result, label, "flaws", "bones"), 1),
             _text(value(result, label, "futures", "pose")[-1], 1),
-            None if off is None else _text(100 * off, 0),
+            None if off is None else _text(100 * off, 1),
             _text(value(result, label, "parameters") / 1000, 0),
             str(steps),
-            _text(value(result, label, "seconds"), 0),
+            _text(value(result, label, "core_seconds"), 0),
             _text(value(result, label, "ms"), 1),
         ]  # fmt: skip
     times = [result["protocol"]["times_ms"].index(ms) for ms in SHOWN_MS]
@@ -168,12 +166,14 @@ def _side_by_side(result: Result, data: str, note: str) -> ErrorTable:
         true[COLUMNS.index(column)] = _text(text, digits)
     compare["people"] = true
     return error_table(COLUMNS, {data: rows, "to compare": compare}, best=None,
-                       caption=f"All systems side by side{note}; s and ms are of a busy machine")  # fmt: skip
+                       caption=f"All systems side by side{note}; core s and ms depend on the machine")  # fmt: skip
 
 
 def _text(number: float, digits: int) -> str | None:
-    """None for what is not finite."""
-    return f"{float(number):.{digits}f}" if math.isfinite(number) else None
+    """None for what is not finite; what has exploded in two digits."""
+    if not math.isfinite(number):
+        return None
+    return f"{float(number):.{digits}f}" if abs(number) < 1e4 else f"{float(number):.1e}"
 
 
 def _long_run(result: Result, data: str) -> ErrorTable:
@@ -221,16 +221,19 @@ def _futures(result: Result, data: str) -> ErrorTable:
 
 
 def _paths(result: Result) -> ErrorTable | None:
-    groups: dict[str, Mapping[str, Any]] = {}
+    rows = {}
     for label, row in _there(result):
         runs = [run["paths"] for run in runs_of(result, label) if run["paths"]]
-        if runs:
-            groups[row.title] = {
-                f"{path}, {name}": [100 * float(np.mean([run[path][way][key] for run in runs]))
-                                    for key in ("mean", "max", "covered")]
-                for path in runs[0] for way, name in (("predicted", "moved by its own"), ("given", "moved as told"))
-            }  # fmt: skip
-    if not groups:
+        for path in runs[0] if runs else ():
+            told = numbers([run[path]["deviation"]["mean"] for run in runs])
+            own = numbers([run[path]["deviation"]["predicted"] for run in runs])
+            gait = [[run[path][when][key] for run in runs] for when, key in (
+                ("before", "step_length"), ("before", "slide"), ("after", "slide"))]  # fmt: skip
+            rows[f"{row.title}, {path}"] = [100 * told.mean(), 100 * own.mean(), 100 * numbers(gait[0]).mean(),
+                                            *(numbers(each).mean() for each in gait[1:])]  # fmt: skip
+    if not rows:
         return None
-    return error_table(["mean, cm", "largest, cm", "passed, %"], groups, digits=0, best=None,
-                       caption="How far it goes from the path that it is told")  # fmt: skip
+    return error_table(
+        ["as told", "by its own", "a step", "slides", "cleaned up"], {"off the path, and how it steps": rows},
+        caption=f"Told to walk a path at {result['protocol']['pace']:g} m/s", unit="cm", digits=1, best=None,
+    )  # fmt: skip

@@ -25,9 +25,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-import joblib
 import torch
-from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from ..errors import TutorialError
 
@@ -72,6 +70,9 @@ def side_by_side(
     """
     if jobs < 1:
         raise TutorialError(f"the number of jobs must be 1 or more, not {jobs}")
+    import joblib  # which changes the environment when it is imported
+    from joblib.externals.loky.process_executor import BrokenProcessPool
+
     heard = heard or (lambda name, step: None)
     if jobs == 1 or len(tasks) <= 1:
         with one_thread():

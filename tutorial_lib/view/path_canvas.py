@@ -38,6 +38,8 @@ class PathCanvas:
     picture: put the picture of the prepared paths before it.
     Raises ``MotionError`` for no path, ``TutorialError`` for other choices that cannot be.
 
+    ::
+
         canvas = PathCanvas("circle")
 
         @canvas.on_path

@@ -24,12 +24,14 @@ def path_plot(
     every: float = 0.0,
     fps: float = 30.0,
     title: str = "",
+    path_label: str = "path asked for",
     size: tuple[float, float] = (7.5, 4.0),
 ) -> NotebookFigure:
     """A path ``(N, 2)`` of x and z in metres, broad and grey, and the ways of some roots over it, in metres.
 
     walked: ``{label: Motion or places (T, 2) or (T, 3)}``. every: mark each way every so many seconds (0: not);
-    fps: of places, motions have their own. z runs to the right and x up, so that headings turn as angles do.
+    fps: of places, motions have their own. path_label: of the path, in the legend. z runs to the right and x up, so
+    that headings turn as angles do.
     Raises ``TutorialError`` for nothing to draw, and for places of another shape.
     """
     ways = {label: ground_of(way) for label, way in (walked or {}).items()}
@@ -38,7 +40,7 @@ def path_plot(
     figure = NotebookFigure(figsize=size, layout="constrained", facecolor="white")
     axes = figure.subplots()
     if path is not None:
-        draw_path(axes, check_path(path), color="#c3cad3", width=7, label="path asked for", ends=not ways)
+        draw_path(axes, check_path(path), color="#c3cad3", width=7, label=path_label, ends=not ways)
     for i, (label, place) in enumerate(ways.items()):
         color = palette.color(i)
         axes.plot(place[:, 1], place[:, 0], color=color, linewidth=1.6, label=label)

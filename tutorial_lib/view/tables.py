@@ -100,16 +100,26 @@ class ErrorTable:
     def markdown(self) -> str:
         """A table in GitHub's Markdown, without its caption; the best of each column is bold."""
         heads = ["", *([""] if self.compared else []), *self.columns]
-        lead = len(heads) - len(self.columns)
-        lines = [heads, ["---"] * lead + ["---:"] * len(self.columns)]
-
-        def written(text: str) -> str:
-            return text.replace("|", "\\|")
-
+        lines = []
         for group, rows in self.groups.items():
-            lines.append([f"**{written(group)}**", *[""] * (len(heads) - 1)])
-            lines += self._rows(rows, written, lambda text: f"**{text}**")
-        return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+            lines.append([f"**{group}**", *[""] * (len(heads) - 1)])
+            lines += self._rows(rows, str, lambda text: f"**{text}**")
+        return markdown_table(heads, lines, right=range(len(heads) - len(self.columns), len(heads)))
+
+    def only(self, rows: Sequence[str] = (), columns: Sequence[str] = ()) -> ErrorTable:
+        """Some rows and columns, as they stand in the whole; none named: all.
+
+        Raises ``TutorialError`` for a name that is not there.
+        """
+        kept = [self.columns.index(c) for c in columns if c in self.columns] if columns else range(len(self.columns))
+        groups = {
+            group: [(row, who, [numbers[k] for k in kept]) for row, who, numbers in lines if not rows or row in rows]
+            for group, lines in self.groups.items()
+        }
+        found = {row for lines in groups.values() for row, *_ in lines}
+        for name in (*(row for row in rows if row not in found), *(c for c in columns if c not in self.columns)):
+            raise TutorialError(f"the table {self.caption!r} has no {name!r}")
+        return ErrorTable(self.caption, [self.columns[k] for k in kept], groups, compared=self.compared)
 
     def _repr_html_(self) -> str:
         """Tags only, no styles: a notebook that is not trusted loses those."""
@@ -132,6 +142,13 @@ class ErrorTable:
             lines.append([name, *([who] if self.compared else []), *(strong(n) if b else n for n, b in numbers)])
             before = row
         return lines
+
+
+def markdown_table(heads: Sequence[str], lines: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> str:
+    """A table in GitHub's Markdown; ``right``: the columns that are aligned there, as numbers are."""
+    rule = ["---:" if k in right else "---" for k in range(len(heads))]
+    cells = [[str(cell).replace("|", "\\|") for cell in line] for line in (heads, *lines)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in (cells[0], rule, *cells[1:]))
 
 
 def _emphasised(rows: Mapping[str, Values], digits: int, best: str | None) -> dict[str, list[tuple[str, bool]]]:

@@ -1,0 +1,50 @@
+"""The results that come with the library: the papers' tables, ours beside theirs, with nothing to train."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from types import ModuleType
+
+from ..errors import TutorialError
+from ..view.tables import ErrorTable
+from .results import RESULTS, report
+
+# Each paper's module, which has load_result, tables and findings.
+PAPERS = ("acrnn", "vae-lstm", "dynamic-future-net", "side-by-side")
+# What of them is shown in short: paper, table, rows (none: all), columns (none: all).
+SHORT: tuple[tuple[str, str, Sequence[str], Sequence[str]], ...] = (
+    ("acrnn", "table 1", ("LSTM-3LR", "acLSTM-3LR", "sch. smp."), ("80 ms", "320 ms", "640 ms")),
+    ("vae-lstm", "table 2", ("ERD", "LSTM-3LR", "VAE-LSTM"), ("frame 70", "frame 120", "frame 210")),
+)
+
+
+def shipped() -> list[str]:
+    """The papers whose result comes with the library."""
+    return [paper for paper in PAPERS if (RESULTS / f"{paper.replace('-', '_')}.json").exists()]
+
+
+def full(paper: str) -> list[str]:
+    """All tables and findings of a paper's result, as ``reproduce`` tells them.
+
+    Raises :class:`TutorialError` for a paper without a result, naming those that have one.
+    """
+    module = _module(paper)
+    result = module.load_result()
+    return report(module.tables(result), module.findings(result))
+
+
+def short() -> list[ErrorTable]:
+    """A few rows and columns of each paper's main table, with the paper's own numbers beneath ours."""
+    tables = []
+    for paper, name, rows, columns in SHORT:
+        if paper in shipped():
+            module = _module(paper)
+            tables.append(module.tables(module.load_result())[name].only(rows, columns))
+    return tables
+
+
+def _module(paper: str) -> ModuleType:
+    if paper not in shipped():
+        raise TutorialError(f"no result of {paper!r} comes with the library; there are {', '.join(shipped())}")
+    return importlib.import_module(f".{paper.replace('-', '_')}", __package__)
