@@ -30,10 +30,11 @@ def color(action: str) -> str:
     return palette.color(ACTIONS.index(action))
 
 
-def _drawn(result: Result, label: str | None) -> dict | None:
-    """The network that the figures are of."""
+def _drawn(result: Result, label: str | None, latent: bool = True) -> dict | None:
+    """The network that the figures are of; ``latent``: it must have what figures 6 to 8 are drawn from."""
     runs = result["runs"]
-    return runs.get(label) if label else runs.get(SHIPPED) or runs.get(JOINT)
+    run = runs.get(label) if label else runs.get(SHIPPED) or runs.get(JOINT)
+    return run if run is None or run["paths"] or not latent else None
 
 
 def figure_6(result: Result, label: str | None = None) -> Figure | None:
@@ -93,7 +94,7 @@ def figure_9(result: Result, label: str | None = None) -> Figure | None:
 
     label: as for the other figures; "alone": each action's own network, also where there is no other.
     """
-    whole, found = None if label == ALONE else _drawn(result, label), {}
+    whole, found = None if label == ALONE else _drawn(result, label, latent=False), {}
     for action in ACTIONS:
         run = whole or (result["runs"].get(action) if label in (None, ALONE) else None)
         if run is not None and action in run["fan"]["prefixes"]:
