@@ -212,6 +212,7 @@ def test_the_networks_beside_a_result_are_those_that_were_measured(made, walks):
         assert networks[name].seed_frames is None, "no captured motion goes along"
         positions = go_on(networks[name], [w[:SEED] for w in windows], HORIZON)[:, SEED:]
         np.testing.assert_allclose(errors_of(positions, truth, 30.0)["error"], result["runs"][name]["error"], rtol=1e-3)
+    assert networks[VAE].sway is not None, "so that it walks paths"
     with pytest.raises(DataError, match="no networks here, expected lstm.safetensors"):
         side_by_side.load_networks(folder / "nowhere")
 

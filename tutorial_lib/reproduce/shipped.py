@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 from collections.abc import Sequence
 from types import ModuleType
@@ -10,8 +11,13 @@ from ..errors import TutorialError
 from ..view.tables import ErrorTable
 from .results import RESULTS, report
 
-# Each paper's module, which has load_result, tables and findings.
-PAPERS = ("acrnn", "vae-lstm", "dynamic-future-net", "side-by-side")
+# Each paper's module, which has load_result, tables and findings, and what it is called.
+PAPERS = {
+    "acrnn": "acRNN",
+    "vae-lstm": "VAE-LSTM",
+    "dynamic-future-net": "Dynamic Future Net",
+    "side-by-side": "Side by side",
+}
 # What of them is shown in short: paper, table, rows (none: all), columns (none: all).
 SHORT: tuple[tuple[str, str, Sequence[str], Sequence[str]], ...] = (
     ("acrnn", "table 1", ("LSTM-3LR", "acLSTM-3LR", "sch. smp."), ("80 ms", "320 ms", "640 ms")),
@@ -40,7 +46,9 @@ def short() -> list[ErrorTable]:
     for paper, name, rows, columns in SHORT:
         if paper in shipped():
             module = _module(paper)
-            tables.append(module.tables(module.load_result())[name].only(rows, columns))
+            table = module.tables(module.load_result())[name].only(rows, columns)
+            caption = f"{PAPERS[paper]}, {table.caption[:1].lower()}{table.caption[1:]}"
+            tables.append(dataclasses.replace(table, caption=caption))
     return tables
 
 

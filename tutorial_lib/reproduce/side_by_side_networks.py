@@ -33,6 +33,7 @@ def write_networks(result: Mapping[str, Any], plan: Plan, runs: pathlib.Path, fo
                 normalizer=network.normalizer,
                 training=network.training,
                 provenance=network.provenance,
+                sway=network.sway,
                 half=True,
             )
             count += 1
