@@ -20,7 +20,7 @@ RESULT = RESULTS / "side_by_side.json"
 SCHEMA = 1
 STOPS = ("freezing", "stuck")  # of the rules; the others find who leaves human poses
 COLUMNS = (
-    "80 ms, cm", "320 ms, cm", "640 ms, cm", "moves, %", "stops, %", "leaves, %", "feet, cm", "bones, %",
+    "80 ms, cm", "320 ms, cm", "640 ms, cm", "moves, %", "m/s", "stops, %", "leaves, %", "feet, cm", "bones, %",
     "futures, cm", "off path, cm", "weights, k", "steps", "core s", "ms a frame",
 )  # fmt: skip
 SHOWN_MS = (80, 320, 640)
@@ -67,13 +67,13 @@ def failed(result: Result, label: str, rules: Sequence[str] = tuple(RULES)) -> f
     return sum(first is not None and first[0] in rules for first in firsts) / len(firsts) if firsts else math.nan
 
 
-def off_path(result: Result, label: str, moved: str = "mean") -> float | None:
+def off_path(result: Result, label: str, moved: str = "given") -> float | None:
     """Metres from the prepared paths, mean over them; None for a system that goes where it likes.
 
-    moved: by the control that it was told ("mean"), or by the one that it puts out itself ("predicted").
+    moved: by the control that it was told ("given"), or by the one that it puts out itself ("predicted").
     """
     found = [run["paths"] for run in runs_of(result, label) if run["paths"]]
-    return float(np.mean([p["deviation"][moved] for paths in found for p in paths.values()])) if found else None
+    return float(np.mean([p[moved]["mean"] for paths in found for p in paths.values()])) if found else None
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -143,6 +143,7 @@ def _side_by_side(result: Result, data: str, note: str) -> ErrorTable:
         rows[row.title] = [
             *(_text(error(result, label, ms), 1) for ms in SHOWN_MS),
             _text(100 * value(result, label, "moves")[-1], 0),
+            _text(value(result, label, "speed"), 2),
             _text(100 * failed(result, label, STOPS), 0),
             _text(100 * (failed(result, label) - failed(result, label, STOPS)), 0),
             _text(value(result, label, "flaws", "foot_slide"), 1),
@@ -161,7 +162,8 @@ def _side_by_side(result: Result, data: str, note: str) -> ErrorTable:
     }
     true = [None] * len(COLUMNS)
     for column, (text, digits) in {
-        "moves, %": (100.0, 0), "feet, cm": (_true(result, "foot_slide"), 1), "bones, %": (_true(result, "bones"), 1),
+        "moves, %": (100.0, 0), "m/s": (_true(result, "speed"), 2), "feet, cm": (_true(result, "foot_slide"), 1),
+        "bones, %": (_true(result, "bones"), 1),
     }.items():  # fmt: skip
         true[COLUMNS.index(column)] = _text(text, digits)
     compare["people"] = true
@@ -225,8 +227,8 @@ def _paths(result: Result) -> ErrorTable | None:
     for label, row in _there(result):
         runs = [run["paths"] for run in runs_of(result, label) if run["paths"]]
         for path in runs[0] if runs else ():
-            told = numbers([run[path]["deviation"]["mean"] for run in runs])
-            own = numbers([run[path]["deviation"]["predicted"] for run in runs])
+            told = numbers([run[path]["given"]["mean"] for run in runs])
+            own = numbers([run[path]["predicted"]["mean"] for run in runs])
             gait = [[run[path][when][key] for run in runs] for when, key in (
                 ("before", "step_length"), ("before", "slide"), ("after", "slide"))]  # fmt: skip
             rows[f"{row.title}, {path}"] = [100 * told.mean(), 100 * own.mean(), 100 * numbers(gait[0]).mean(),
