@@ -65,20 +65,18 @@ def regions(text: str) -> tuple[list[str], list[str]]:
 
 
 def pack(name: str, wrong: list[Wrong]) -> list[Submission]:
-    """As few submissions as hold all wrong answers: at most one for each answer cell and each lost test."""
+    """As few submissions as hold all wrong answers, such that in each every test is lost for one reason alone."""
     solution = {graded(cell)["grade_id"]: cell.source for cell in source(name).cells if graded(cell).get("solution")}
     packed: list[tuple[dict[str, str], set[str]]] = []
     for one in wrong:
-        assert solution[one.answer].count(one.old) == 1, (
-            f"{name}, {one.name}: {one.old!r} stands not once in the answer"
-        )
+        assert solution[one.answer].count(one.old) == 1, f"{name}, {one.name}: {one.old!r} is not in the answer once"
         for answers, loses in packed:
-            if one.answer not in answers and not loses & set(one.loses):
+            if not loses & set(one.loses) and answers.get(one.answer, solution[one.answer]).count(one.old) == 1:
                 break
         else:
             answers, loses = {}, set()
             packed.append((answers, loses))
-        answers[one.answer] = solution[one.answer].replace(one.old, one.new)
+        answers[one.answer] = answers.get(one.answer, solution[one.answer]).replace(one.old, one.new)
         loses |= set(one.loses)
     return [Submission(answers, frozenset(loses)) for answers, loses in packed]
 
@@ -99,7 +97,7 @@ class Course:
     """A copy of the course in a folder of its own, and nbgrader's interface to it.
 
     strict: what is written to standard error costs points, as with nbgrader's own settings.
-    impatient: tests that get five seconds alone, because something in them is known to loop.
+    impatient: tests that get ten seconds alone, because something in them is known to loop.
     """
 
     def __init__(self, folder: pathlib.Path, strict: bool, impatient: Collection[str] = ()):
@@ -113,7 +111,7 @@ class Course:
         config.ExecuteToTheEnd.warnings_cost = strict
         if impatient:
             patience = config.Execute.timeout
-            config.Execute.timeout_func = lambda cell: 5 if graded(cell).get("grade_id") in impatient else patience
+            config.Execute.timeout_func = lambda cell: 10 if graded(cell).get("grade_id") in impatient else patience
         self.api = NbGraderAPI(config=config)
 
     def file(self, step: str, name: str, student: str = ".", ending: str = "ipynb") -> pathlib.Path:
@@ -149,12 +147,13 @@ def grade(
     name: str,
     folder: pathlib.Path,
     handed_in: Mapping[str, tuple[str, Mapping[str, str]]],
+    feedback: Collection[str] = (),
     strict: bool = True,
     impatient: Collection[str] = (),
 ) -> dict[str, Any]:
-    """Make the release of one set, grade all that students hand in, give feedback and export: for a process of its own.
+    """Make the release of one set, grade what students hand in, give some of them feedback; in a process of its own.
 
-    handed_in: what each student starts from, source or release, and the answer cells replaced.
+    handed_in: what each student starts from, source or release, and the answer cells replaced. feedback: for whom.
     """
     os.environ.update(environment())
     try:
@@ -167,7 +166,7 @@ def grade(
         result["seconds"] = time.monotonic() - begin
         result["scores"] = {student: course.scores(name, student) for student in handed_in}
         result["outputs"] = {student: course.outputs(name, student) for student in handed_in}
-        result["feedback"] = course.api.generate_feedback(name)
+        result["feedback"] = {student: course.api.generate_feedback(name, student) for student in feedback}
         return result
     except Exception:  # nbgrader's own do not travel from process to process
         return {"error": traceback.format_exc()}

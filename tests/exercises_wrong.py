@@ -50,13 +50,13 @@ PS2 = [
     Wrong(
         "the mean over the steps instead of the sequences", "change", "mean(axis=0)", "mean(axis=1)", ("test-change",)
     ),
-    Wrong("a single step instead of a window", "rule", "np.mean(change[t:t + window])", "change[t]", ("test-rule",)),
+    Wrong("a single step instead of a window", "rule", "np.mean(change[t : t + window])", "change[t]", ("test-rule",)),
     Wrong("the last window forgotten", "rule", "- window + 1", "- window", ("test-rule",)),
     Wrong("compared with the frame that was read", "forcing", "x[:, t + 1]", "x[:, t]", ("test-forcing",)),
     Wrong(
         "fed its own output",
         "forcing",
-        "model(x[:, t:t + 1], state)",
+        "model(x[:, t : t + 1], state)",
         "model(x[:, :1] if t == 0 else y, state)",
         ("test-forcing",),
     ),
@@ -147,7 +147,7 @@ PS4 = [
     Wrong(
         "averaged before the divergence",
         "active",
-        "each = 0.5 * (mean ** 2",
+        "each = 0.5 * (mean**2",
         "each = 0.5 * (0 * mean + mean.mean((0, 1)) ** 2",
         ("test-active",),
     ),
@@ -157,7 +157,7 @@ PS4 = [
 PS5 = [
     Wrong("the frame itself has no future", "known", "T - H", "T - H + 1", ("test-known",)),
     Wrong("futures that do not overlap", "known", "T - H", "T // H", ("test-known",)),
-    Wrong("without the frame itself", "futures", "z[t:t + H + 1]", "z[t + 1:t + H + 1]", ("test-futures",)),
+    Wrong("without the frame itself", "futures", "z[t : t + H + 1]", "z[t + 1:t + H + 1]", ("test-futures",)),
     Wrong("one too few", "futures", "range(len(z) - H)", "range(len(z) - H - 1)", ("test-futures",)),
     Wrong(
         "futures without chance",

@@ -9,19 +9,17 @@ import numpy as np
 import pytest
 
 from tutorial_lib import cli
+from tutorial_lib.cleanup import clean_up
 from tutorial_lib.clip_errors import PAPER_FRAMES
-from tutorial_lib.data import load
 from tutorial_lib.data.windows import evaluation_windows
 from tutorial_lib.errors import CheckpointError, DataError, TutorialError
-from tutorial_lib.generate import generate_features, prepare
+from tutorial_lib.evaluate_control import gait_of
+from tutorial_lib.generate import generate_features
 from tutorial_lib.generate_control import features_from_code, generate_control_features, generate_from_control
-from tutorial_lib.metrics import foot_joints
 from tutorial_lib.models.vae_lstm import VAELSTM
-from tutorial_lib.motion.retarget import to_common
 from tutorial_lib.recipes import Recipe, sets_of
 from tutorial_lib.reproduce import vae_lstm
 from tutorial_lib.reproduce.published import VAE_LSTM_TABLE_1, VAE_LSTM_TABLE_2
-from tutorial_lib.reproduce.vae_lstm_beyond import slide, stride
 from tutorial_lib.reproduce.vae_lstm_measure import GIVEN, POSTERIOR, PREDICTED, PRIOR
 from tutorial_lib.reproduce.vae_lstm_plan import BASELINES, QUICK, SYSTEMS, VAE, Budget, Plan, name_of
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header
@@ -246,31 +244,21 @@ def test_samples_and_lines_between_codes(made, truth):
 
 def test_paths_are_gone_along(made):
     _, _, result = made
-    for name, walk in result["beyond"]["seed 0"]["paths"].items():
-        assert walk["given"]["mean"] < 0.1 and walk["given"]["covered"] == 1.0, f"{name}: it moves as it was told"
-        assert walk["predicted"]["mean"] > walk["given"]["mean"], "tiny networks know nothing of where they go"
+    for name, walked in result["beyond"]["seed 0"]["paths"].items():
+        off = walked["deviation"]
+        assert off["mean"] < 0.1 and off["covered"] == 1.0, f"{name}: it moves as it was told"
+        assert off["predicted"] > off["mean"], "tiny networks know nothing of where they go"
 
 
-def test_sliding_is_measured_in_centimetres_a_step():
-    """Someone who stands and is drawn along the ground at 0.1 m/s slides 10 cm a second, in a step as long as it."""
-    clip = prepare([to_common(load("samples/walking")[0])], fps=30.0)[0][:61]
-    feet = foot_joints(clip.skeleton)
-    stands = np.repeat(clip.positions[:1], 61, 0)
-    stands[:, feet, 1] = 0.0
-    drawn = stands + np.arange(61)[:, None, None] / 30 * np.array([0.0, 0.0, 0.1])
-    assert slide([dataclasses.replace(clip, positions=drawn, rotations=None)]) == pytest.approx(20.0, abs=0.01)
-    assert slide([dataclasses.replace(clip, positions=stands, rotations=None)]) == pytest.approx(0.0, abs=1e-9)
-    drawn = stands + np.arange(61)[:, None, None] / 30 * np.array([0.0, 0.0, 3.0])  # too fast: no contact
-    assert slide([dataclasses.replace(clip, positions=drawn, rotations=None)]) is None
-
-
-def test_stride_is_the_swing_of_a_foot(truth):
+def test_steps_are_those_of_the_windows(made, truth):
+    """Of true motion, by the library's one measure; tiny networks make none, and that is told as None."""
     representation, true = truth
-    foot = foot_joints(representation.skeleton)[0]
-    x = true.copy()
-    at = [k for k, label in enumerate(representation.labels) if label == f"{representation.skeleton.names[foot]}.z"]
-    x[..., at[0]] = 0.2 * np.sin(np.arange(120) * 2 * np.pi / 30)
-    assert stride(x, representation) == pytest.approx(2 * 0.2 / np.sqrt(2), rel=1e-6)
+    _, _, result = made
+    found = result["beyond"]["seed 0"]["steps"]
+    motions = [representation.decode(x) for x in true]
+    assert found["true"]["before"] == pytest.approx(gait_of(motions), rel=1e-3)
+    assert found["true"]["after"]["slide"] == pytest.approx(gait_of([clean_up(m) for m in motions])["slide"], rel=1e-2)
+    assert found["made"]["before"]["step_length"] is None or found["made"]["before"]["step_length"] < 1.0
 
 
 # --- learning rates -------------------------------------------------------------------------------
@@ -324,7 +312,7 @@ def test_runs_of_another_recipe_in_that_place(made, capsys):
 def test_results_that_are_none(tmp_path, made):
     folder, _, result = made
     (tmp_path / "x.json").write_text(json.dumps({**result, "schema": 99}), encoding="utf-8")
-    with pytest.raises(DataError, match="expected paper 'vae-lstm' and schema 1"):
+    with pytest.raises(DataError, match="expected paper 'vae-lstm' and schema 2"):
         vae_lstm.load_result(tmp_path / "x.json")
     (tmp_path / "x.json").write_text(json.dumps({**result, "paper": "acrnn"}), encoding="utf-8")
     with pytest.raises(DataError, match="expected paper 'vae-lstm'"):

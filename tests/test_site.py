@@ -97,34 +97,35 @@ def test_every_public_module_is_told_of(site):
 def test_a_lesson_is_alive(browser, site, lesson):
     """All its figures are there and move, formulas are set, and nothing is asked of any host."""
     page = new_page(browser)
+    page.set_default_timeout(180_000)  # beside other load
     page.goto((site / "notebooks" / f"{lesson}.html").as_uri())
     count = figures(lesson, "player")
     page.wait_for_function(
         "n => [...document.querySelectorAll('[data-motion-player]')].filter(e => e.player).length === n",
-        arg=count, timeout=60_000,
+        arg=count,
     )  # fmt: skip
     if not count:
         pytest.skip("this lesson has no outputs: python notebooks/execute.py makes them")
     player = page.locator(":nth-match([data-motion-player], 1)")
     player.scroll_into_view_if_needed()
-    page.wait_for_function("document.querySelector('[data-motion-player]').player.drawn", timeout=60_000)
+    page.wait_for_function("document.querySelector('[data-motion-player]').player.drawn")
     still = picture(page)
     player.get_by_title("Play").click()
-    page.wait_for_function("document.querySelector('[data-motion-player]').player.state.t > 0.1", timeout=60_000)
+    page.wait_for_function("document.querySelector('[data-motion-player]').player.state.t > 0.1")
     assert picture(page) != still
     player.get_by_title("Pause").click()
     stills = page.locator("img.still")
     shown = [stills.nth(k).is_visible() for k in range(stills.count())]
     assert not any(shown), "a picture beside a figure that moves"
     if figures(lesson, "explorer"):
-        page.wait_for_function("document.querySelector('[data-motion-explorer]').explorer", timeout=60_000)
+        page.wait_for_function("document.querySelector('[data-motion-explorer]').explorer")
         text = "document.querySelector('[data-motion-explorer]').shadowRoot.textContent"
         before = page.evaluate(text)
         page.evaluate("document.querySelector('[data-motion-explorer]').explorer.choose(1, 1)")
         assert page.evaluate(text) != before
     source = (ROOT / "notebooks" / f"{lesson}.ipynb").read_text(encoding="utf-8")
     if "$$" in source:
-        page.wait_for_function("document.querySelectorAll('mjx-container svg').length > 0", timeout=60_000)
+        page.wait_for_function("document.querySelectorAll('mjx-container svg').length > 0")
         assert page.locator("mjx-merror, [data-mjx-error]").count() == 0
     assert page.errors == []
     assert [url for url in page.asked if not url.startswith(("file:", "data:", "blob:"))] == []
@@ -133,6 +134,7 @@ def test_a_lesson_is_alive(browser, site, lesson):
 def test_a_walk_through_the_site(browser, site):
     """From the first address by its links, as a reader goes."""
     page = new_page(browser, viewport={"width": 1400, "height": 900})
+    page.set_default_timeout(180_000)
     page.goto((site / "index.html").as_uri())
     page.wait_for_url("**/docs/index.html")
     for name in ("Beyond one machine", "Weights", "The library"):

@@ -66,11 +66,12 @@ def legs(skeleton: Skeleton) -> tuple[Leg, Leg]:
     return both
 
 
-def clean_up(motion: Motion, *, level: bool = True, bridge: float = 0.0) -> Motion:
+def clean_up(motion: Motion, *, level: bool = True, bridge: float = 0.0, blend: float = BLEND) -> Motion:
     """``motion`` with rigid bones and planted feet, in the steps that stand at the top of this module.
 
     level: whether to bring a drifting ground back to y = 0; without, the ground is y = 0 already.
-    bridge: seconds, of :func:`contact_stretches`: for a walker, who lifts a foot to step on.
+    bridge: seconds, of :func:`contact_stretches`: for a walker, who lifts a foot to step on. blend: seconds, of
+        :func:`planted`.
     Returns a motion of the same frames, rate, skeleton and name, with rotations.
     Raises ``MotionError`` for a skeleton whose legs are not known.
     """
@@ -79,7 +80,7 @@ def clean_up(motion: Motion, *, level: bool = True, bridge: float = 0.0) -> Moti
     if level:
         motion = grounded(motion)
     feet = [node for leg in both for node in (leg.ankle, leg.toe)]
-    return planted(motion, dict(zip(feet, contact_stretches(motion, feet, bridge), strict=True)))
+    return planted(motion, dict(zip(feet, contact_stretches(motion, feet, bridge), strict=True)), blend)
 
 
 # -- bones -------------------------------------------------------------------------------------------------
@@ -216,14 +217,14 @@ def _split(along: np.ndarray, first: int, last: int, between: int) -> list[tuple
 # -- feet --------------------------------------------------------------------------------------------------
 
 
-def planted(motion: Motion, stretches: dict[int, list[tuple[int, int]]]) -> Motion:
+def planted(motion: Motion, stretches: dict[int, list[tuple[int, int]]], blend: float = BLEND) -> Motion:
     """Feet pinned to the ground where they stand, and the legs solved to reach them.
 
     stretches: for each ankle and toe of :func:`legs`, from :func:`contact_stretches`. motion: with rotations.
 
     Throughout a stretch its node stands at the stretch's median place on the ground; up and down the stretch is shifted
     as a whole to the node's standing height, for a heel may roll off. Before and after, the correction fades within
-    ``BLEND`` seconds as a cubic that begins with the speed of a foot that stands, so that neither place nor speed
+    ``blend`` seconds as a cubic that begins with the speed of a foot that stands, so that neither place nor speed
     jumps. The foot is moved as a whole: by its toe where that stands, else by its ankle.
     The root is lowered, smoothly and by as little as is needed, where a leg would be too short. Each leg is then
     solved by two-bone inverse kinematics (law of cosines): the knee stays in the plane in which it bends.
@@ -232,7 +233,7 @@ def planted(motion: Motion, stretches: dict[int, list[tuple[int, int]]]) -> Moti
     if motion.rotations is None:
         raise MotionError(f"motion {motion.name!r} has positions alone: its legs are turned, so make it rigid first")
     both, positions = legs(motion.skeleton), motion.positions
-    goals = [_foot_goals(motion, leg, stretches) for leg in both]  # of ankle and toe, (T, 3) each
+    goals = [_foot_goals(motion, leg, stretches, blend) for leg in both]  # of ankle and toe, (T, 3) each
     lower = np.zeros(len(motion))
     limits = []
     for leg, (ankle, _) in zip(both, goals, strict=True):
@@ -252,24 +253,26 @@ def planted(motion: Motion, stretches: dict[int, list[tuple[int, int]]]) -> Moti
     return Motion.from_rotations(motion.skeleton, motion.fps, root, rotations, name=motion.name)
 
 
-def _foot_goals(motion: Motion, leg: Leg, stretches: dict[int, list[tuple[int, int]]]) -> tuple[np.ndarray, np.ndarray]:
+def _foot_goals(
+    motion: Motion, leg: Leg, stretches: dict[int, list[tuple[int, int]]], blend: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Where ankle and toe shall be, ``(T, 3)`` each: the foot is moved as a whole and keeps how it is turned."""
     ankle, toe = motion.positions[:, leg.ankle], motion.positions[:, leg.toe]
-    by_ankle, _ = _pull(motion, leg.ankle, stretches[leg.ankle])
-    by_toe, held = _pull(motion, leg.toe, stretches[leg.toe])
+    by_ankle, _ = _pull(motion, leg.ankle, stretches[leg.ankle], blend)
+    by_toe, held = _pull(motion, leg.toe, stretches[leg.toe], blend)
     move = by_toe + (1 - held) * by_ankle
     move[:, 1] += np.maximum(_sunk(ankle[:, 1] + move[:, 1]), _sunk(toe[:, 1] + move[:, 1]))
     return ankle + move, toe + move
 
 
-def _pull(motion: Motion, node: int, stretches: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+def _pull(motion: Motion, node: int, stretches: list[tuple[int, int]], seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """What a node must be moved by ``(T, 3)``, and how firmly it is held ``(T, 1)``, 1 in contact and 0 far from it."""
     x = motion.positions[:, node]
     pull, held = np.zeros_like(x), np.zeros((len(x), 1))
     if not stretches:
         return pull, held
     height = float(metrics.standing_heights(motion.positions, [node])[0])
-    blend = max(1, round(BLEND * motion.fps))
+    blend = max(1, round(seconds * motion.fps))
     speed = np.gradient(x, axis=0) * np.array([1.0, 0.0, 1.0])
     for k, (first, last) in enumerate(stretches):
         inside = slice(first, last + 1)

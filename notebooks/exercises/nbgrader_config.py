@@ -87,8 +87,8 @@ c.IncludeHeaderFooter.header = ""  # the source notebooks are whole
 c.Autograde.autograde_preprocessors = [
     ExecuteToTheEnd if step is Execute else step for step in Autograde.autograde_preprocessors.default()
 ]
-# A cell that takes longer is stopped and costs its own points. The slowest of a solution takes a few seconds.
-c.Execute.timeout = 60
+# Seconds. A cell that takes longer is stopped and costs its own points; the slowest of a solution takes a few.
+c.Execute.timeout = 120
 c.Execute.iopub_timeout = 20  # seconds for what a cell printed to arrive; the usual 4 are few beside other work
 c.Execute.raise_on_iopub_timeout = False
 c.LimitOutput.max_lines = 200

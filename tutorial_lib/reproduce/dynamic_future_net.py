@@ -20,6 +20,7 @@ The result, a dict that is written as JSON
     data       "cmu" or "samples"; ``data_sets`` of each action; ``quick``: true for a trial with tiny networks
     protocol   prefix, frames, how many motions, ...; ``fps``
     budget     steps, batch, length, hidden, horizon; ``seed``
+    elsewhere  how near windows of the training clips of each action come to others, quartiles in metres
     runs       {name: a network}, names are the keys of ``NETWORKS``
     ========== ===================================================================================================
 
@@ -38,13 +39,19 @@ from typing import Any
 
 from .. import pretrained
 from ..evaluate import jsonable
+from ..generate import prepare
 from .cost import Costs, whole_cost
 from .dynamic_future_net_figures import figure_6, figure_7, figure_8, figure_9
 from .dynamic_future_net_findings import findings
-from .dynamic_future_net_measure import measure_published, seconds_of_measuring, train_and_measure
+from .dynamic_future_net_measure import (
+    elsewhere,
+    measure_published,
+    seconds_of_measuring,
+    train_and_measure,
+)
 from .dynamic_future_net_plan import JOINT, NETWORKS, QUICK, SHIPPED, Budget, Plan, name_of
 from .dynamic_future_net_tables import SCHEMA, load_result, tables
-from .grid import Run, Told, finished, side_by_side
+from .grid import Run, Told, clips_for, finished, side_by_side
 from .results import head, tell_result, write_result
 from .sources import at_hand, check_data, data_from
 
@@ -105,13 +112,13 @@ def _measured(plan: Plan, folder: pathlib.Path, *, jobs: int, train_missing: boo
         runs = finished(runs, folder)
     left = {run.name: run.steps_left(folder) for run in runs}
     by_recipe = {run.recipe: run for run in runs}
-    costs = Costs(lambda recipe: seconds_of_measuring(by_recipe[recipe], plan), 0.02 if plan.quick else 0.6)
+    costs = Costs(lambda recipe: seconds_of_measuring(by_recipe[recipe], folder, plan), 0.02 if plan.quick else 0.6)
 
     def cost_of(run: Run) -> tuple[float, float]:
         network = NETWORKS[name_of(run)]
         kind = network.system, network.joint, *network.options  # how long it takes, whatever the action
         step = costs.step(kind, run.recipe) if left[run.name] else 0.0
-        return step, costs.measuring(kind, run.recipe)
+        return step, costs.measuring(run.name, run.recipe)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of clips that are too short: the training itself will tell
@@ -124,6 +131,12 @@ def _measured(plan: Plan, folder: pathlib.Path, *, jobs: int, train_missing: boo
     if plan.published in [row.name for row in pretrained.list()]:
         tell(f"measuring {plan.published}")
         entries[SHIPPED] = side_by_side(measure_published, [(plan.published, folder, plan.protocol)], jobs=jobs)[0]
+        if JOINT in entries:  # their figures are drawn
+            entries[JOINT] = _without_figures(entries[JOINT])
+    known = {}
+    for action in plan.sources:
+        recipe = plan.recipe(action)
+        known[action] = prepare([m for train, _ in clips_for(recipe) for m in train], fps=recipe.fps)
     result = {
         **head("dynamic-future-net", SCHEMA),
         "data": "samples" if plan.samples else "cmu",
@@ -131,6 +144,14 @@ def _measured(plan: Plan, folder: pathlib.Path, *, jobs: int, train_missing: boo
         "quick": plan.quick,
         "protocol": {**dataclasses.asdict(plan.protocol), "fps": plan.recipe(JOINT).fps},
         "budget": {**dataclasses.asdict(plan.budget), "seed": plan.seed},
+        "elsewhere": elsewhere(known, plan.protocol),
         "runs": entries,
     }
     return jsonable(result)
+
+
+def _without_figures(entry: dict[str, Any]) -> dict[str, Any]:
+    """An entry without what figures 6 to 8 are drawn from, thousands of numbers."""
+    prefixes = {action: {k: v for k, v in each.items() if k != "latent"}
+                for action, each in entry["fan"]["prefixes"].items()}  # fmt: skip
+    return {**entry, "paths": None, "fan": {**entry["fan"], "prefixes": prefixes}}

@@ -30,10 +30,11 @@ def color(action: str) -> str:
     return palette.color(ACTIONS.index(action))
 
 
-def _drawn(result: Result, label: str | None) -> dict | None:
-    """The network that the figures are of."""
+def _drawn(result: Result, label: str | None, latent: bool = True) -> dict | None:
+    """The network that the figures are of; ``latent``: it must have what figures 6 to 8 are drawn from."""
     runs = result["runs"]
-    return runs.get(label) if label else runs.get(SHIPPED) or runs.get(JOINT)
+    run = runs.get(label) if label else runs.get(SHIPPED) or runs.get(JOINT)
+    return run if run is None or run["paths"] or not latent else None
 
 
 def figure_6(result: Result, label: str | None = None) -> Figure | None:
@@ -45,8 +46,9 @@ def figure_6(result: Result, label: str | None = None) -> Figure | None:
     axes = figure.subplots()
     for action, path in run["paths"]["clips"].items():
         _path(axes, numbers(path), color(action), action)
-    figure.legend(loc="outside right upper", frameon=False, fontsize=9)
-    _plain(axes, "Figure 6: clips in the latent space" + note(result))
+    figure.legend(loc="outside right center", frameon=False, fontsize=9)
+    _plain(axes, "")
+    figure.suptitle("Figure 6: clips in the latent space" + note(result), fontsize=9, x=0.01, ha="left")
     return figure
 
 
@@ -93,7 +95,7 @@ def figure_9(result: Result, label: str | None = None) -> Figure | None:
 
     label: as for the other figures; "alone": each action's own network, also where there is no other.
     """
-    whole, found = None if label == ALONE else _drawn(result, label), {}
+    whole, found = None if label == ALONE else _drawn(result, label, latent=False), {}
     for action in ACTIONS:
         run = whole or (result["runs"].get(action) if label in (None, ALONE) else None)
         if run is not None and action in run["fan"]["prefixes"]:
@@ -107,11 +109,10 @@ def figure_9(result: Result, label: str | None = None) -> Figure | None:
         panels[f"from {action}"] = {
             "futures": tuple(numbers(values) for values in entry["band"]),
             "data of this action": tuple(x * flat for x in entry["own"]["data"]),
-            "all data": tuple(x * flat for x in fan["data"]),
         }
-    return band_plot(
-        panels, x=fan["frames"], xlabel="frame", title="Figure 9: distance to the mean pose, m" + note(result)
-    )
+        if whole:  # else they are the same
+            panels[f"from {action}"]["all data"] = tuple(x * flat for x in fan["data"])
+    return band_plot(panels, x=fan["frames"], xlabel="frame", title="Figure 9, metres" + note(result))
 
 
 def _panels(found) -> tuple[NotebookFigure, np.ndarray]:
@@ -121,7 +122,7 @@ def _panels(found) -> tuple[NotebookFigure, np.ndarray]:
 
 def _path(axes: Axes, path: np.ndarray, tone: str, label: str = "") -> None:
     axes.plot(*path.T, color=tone, linewidth=1, alpha=0.85, label=label or None)
-    axes.plot(*path[0], marker="o", color=tone, markerfacecolor="white", markersize=5, linestyle="none")
+    axes.plot(*path[0], marker="o", color=tone, markerfacecolor="white", markersize=5, linestyle="none", zorder=5)
 
 
 def _plain(axes: Axes, title: str) -> None:

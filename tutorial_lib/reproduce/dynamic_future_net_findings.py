@@ -65,7 +65,7 @@ def _diverse(result: Result) -> list[Finding]:
             ratios = {a: float(np.divide(*at_times(result, run, a)[::-1])) for a, run in fans}
             return all(r >= 2 for r in ratios.values()), ", ".join(f"{a} {r:.2f}" for a, r in ratios.items())
 
-        def matches(fans=fans, own=what == ALONE) -> tuple[bool, str]:
+        def matches(own: bool, fans=fans) -> tuple[bool, str]:
             shares = {a: band_share(result, run, a, own) for a, run in fans}
             return all(abs(x - 1) <= 0.2 for x in shares.values()), ", ".join(f"{a} {100 * x:.0f} %" for a, x in
                                                                               shares.items())  # fmt: skip
@@ -73,8 +73,12 @@ def _diverse(result: Result) -> list[Finding]:
         found += [
             _held(f"Section 6.3: futures are twice as far apart at frame {last} as at {first}: {what}", runs,
                   grows),
-            _held(f"Figure 9: the band at frame {last} is within 20 % of the data's: {what}", runs, matches),
+            _held(f"Figure 9: the band at frame {last} is within 20 % of that of the action's data: {what}", runs,
+                  lambda matches=matches: matches(True)),
         ]  # fmt: skip
+        if what != ALONE:
+            found.append(_held(f"The same of all data of all actions: {what}", runs,
+                               lambda matches=matches: matches(False)))  # fmt: skip
     followed = {a: run for a, run in alone(result).items() if run["data"][a] is not None}
 
     def as_the_data() -> tuple[bool, str]:
@@ -104,6 +108,14 @@ def _whole(result: Result) -> list[Finding]:
         return all(a >= b for a, b in pairs.values()), ", ".join(f"{k} {100 * a:.1f} and {100 * b:.1f} cm" for k, (a, b)
                                                                  in pairs.items())  # fmt: skip
 
+    known = result["elsewhere"]
+    singles = {a: run for a, run in alone(result).items() if known.get(a)}
+
+    def new() -> tuple[bool, str]:
+        pairs = {a: (run["copies"]["generated"][1], known[a][1]) for a, run in singles.items()}
+        return all(a >= b for a, b in pairs.values()), ", ".join(f"{k} {100 * a:.1f} and {100 * b:.1f} cm" for k, (a, b)
+                                                                 in pairs.items())  # fmt: skip
+
     def fast() -> tuple[bool, str]:
         slowest = max(entry["seconds"] * result["protocol"]["fan"] / entry["motions"] for run in runs.values()
                       for entry in run["fan"]["prefixes"].values())  # fmt: skip
@@ -113,6 +125,7 @@ def _whole(result: Result) -> list[Finding]:
     return [
         _held("Nothing is copied: generated windows are no nearer to the training clips than windows kept out, at the "
               "median", runs, copies),
+        _held("Nor nearer than windows of the training clips are to others a second away or more", singles, new),
         _held("4096 motions of 128 frames in 60 s", runs, fast),
     ]  # fmt: skip
 

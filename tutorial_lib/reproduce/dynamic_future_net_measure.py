@@ -23,7 +23,7 @@ from ..metrics import foot_joints, foot_slide
 from ..models.dynamic_future_net import STAGES
 from ..motion.clip import Motion, settled_positions
 from ..recipes import Recipe, recipe_in, trainer_for
-from ..representations import Representation
+from ..representations import BodyFrame, Representation
 from ..training.checkpoints import Checkpoint, load_checkpoint, read_header
 from .dynamic_future_net_fan import (
     Clips,
@@ -69,15 +69,25 @@ def kept(weights: pathlib.Path, path: pathlib.Path, protocol: Protocol,
 
     Thousands of motions take minutes of each network: a command that was stopped need not make them again.
     """
-    asked = {"weights": hashlib.sha256(weights.read_bytes()).hexdigest(),
-             "protocol": jsonable(dataclasses.asdict(protocol))}  # fmt: skip
+    there = found_in(weights, path, protocol)
+    if there is None:
+        there = jsonable(measured())
+        write_result({**_asked(weights, protocol), "entry": there}, path)
+    return there
+
+
+def found_in(weights: pathlib.Path, path: pathlib.Path, protocol: Protocol) -> dict[str, Any] | None:
+    """What :func:`kept` has in ``path`` of these weights and this protocol; None if nothing."""
     with contextlib.suppress(OSError, ValueError, TypeError):
-        there = json.loads(path.read_text(encoding="utf-8"))
+        there, asked = json.loads(path.read_text(encoding="utf-8")), _asked(weights, protocol)
         if {key: there.get(key) for key in asked} == asked and isinstance(there.get("entry"), dict):
             return there["entry"]
-    entry = jsonable(measured())
-    write_result({**asked, "entry": entry}, path)
-    return entry
+    return None
+
+
+def _asked(weights: pathlib.Path, protocol: Protocol) -> dict[str, Any]:
+    return {"weights": hashlib.sha256(weights.read_bytes()).hexdigest(),
+            "protocol": jsonable(dataclasses.asdict(protocol))}  # fmt: skip
 
 
 def entry_of(checkpoint: Checkpoint, recipe: Recipe, name: str, sets: Sequence[tuple[list[Motion], list[Motion]]],
@@ -182,6 +192,27 @@ def copies(representation: Representation, train_clips: Clips, test_clips: Clips
     return found
 
 
+def elsewhere(train_clips: Clips, protocol: Protocol) -> dict[str, list[float]]:
+    """How near windows of the training clips of each action come to others of that action a second away or more:
+    quartiles in metres, a yardstick for :func:`copies` that needs no network. Clips are prepared already."""
+    found = {}
+    for action, clips in train_clips.items():
+        representation = BodyFrame(clips[0].skeleton, clips[0].fps)
+        each = [windows_of(joints_of(representation, x), protocol.window) for x in encoded(representation, clips)
+                if len(x) >= protocol.window]  # fmt: skip
+        distances, gap = [], round(representation.fps) + protocol.window
+        stride = max(1, sum(map(len, each)) // DATA_WINDOWS)
+        for k, windows in enumerate(each):
+            for at in range(0, len(windows), max(2 * protocol.window, len(windows) // 20)):
+                others = [w[::stride] for j, w in enumerate(each) if j != k]
+                others += [windows[: max(0, at - gap) : stride], windows[at + gap :: stride]]
+                others = np.concatenate(others)
+                if len(others):
+                    distances.append(float(nearest_window(windows[at : at + 1], others)[0]))
+        found[action] = rounded(np.quantile(distances, (0.25, 0.5, 0.75))) if distances else None
+    return found
+
+
 # --- actions and reconstruction -------------------------------------------------------------------
 
 
@@ -226,10 +257,13 @@ def reconstruction(checkpoint: Checkpoint, test_clips: Clips) -> dict[str, float
 # --- cost -----------------------------------------------------------------------------------------
 
 
-def seconds_of_measuring(run: Run, plan: Plan) -> float:
+def seconds_of_measuring(run: Run, folder: pathlib.Path, plan: Plan) -> float:
     """How long measuring a network takes about: making its fans, from a few frames of some with fresh weights, twice
-    over for all that is done with them."""
+    over for all that is done with them. Nothing where it is kept already."""
     network, sets, protocol = NETWORKS[name_of(run)], sets_for(run), plan.protocol
+    path = run.path(folder)
+    if path.exists() and found_in(path, path.with_suffix(".json"), protocol) is not None:
+        return 0.0
     if not network.futures:
         return 10.0
     trainer = trainer_for(run.recipe, sets=sets)

@@ -224,9 +224,14 @@ def _beside(result: Result) -> ErrorTable | None:
     if not groups:
         return None
     columns = [f"apart {first}", f"apart {last}", f"fail of {result['protocol']['stable']}"]
-    return error_table(columns, groups, best=None, unit="m over the whole pose",
-                       caption="Pairwise distance of motions from one beginning, or on one path" + note(result),
-                       )  # fmt: skip
+    caption = f"Pairwise distance of motions from one beginning, or on one path; {_steps(result)}{note(result)}"
+    return error_table(columns, groups, best=None, unit="m over the whole pose", caption=caption)
+
+
+def _steps(result: Result) -> str:
+    """How long each of the networks beside one another was trained."""
+    there = {label: result["runs"][label] for label in (JOINT, ACLSTM, VAE) if label in result["runs"]}
+    return "steps: " + ", ".join(f"{run['recipe']['steps']} {run['system']}" for run in there.values())
 
 
 def _training(result: Result) -> ErrorTable:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 from collections.abc import Sequence
 from types import ModuleType
@@ -10,13 +11,22 @@ from ..errors import TutorialError
 from ..view.tables import ErrorTable
 from .results import RESULTS, report
 
-# Each paper's module, which has load_result, tables and findings.
-PAPERS = ("acrnn", "vae-lstm", "dynamic-future-net", "side-by-side")
+# Each paper's module, which has load_result, tables and findings, and what it is called.
+PAPERS = {
+    "acrnn": "acRNN",
+    "vae-lstm": "VAE-LSTM",
+    "dynamic-future-net": "Dynamic Future Net",
+    "side-by-side": "All papers",
+}
 # What of them is shown in short: paper, table, rows (none: all), columns (none: all).
 SHORT: tuple[tuple[str, str, Sequence[str], Sequence[str]], ...] = (
     ("acrnn", "table 1", ("LSTM-3LR", "acLSTM-3LR", "sch. smp."), ("80 ms", "320 ms", "640 ms")),
     ("vae-lstm", "table 2", ("ERD", "LSTM-3LR", "VAE-LSTM"), ("frame 70", "frame 120", "frame 210")),
-)
+    (
+        "side-by-side", "side by side", (),
+        ("320 ms, cm", "moves, %", "stops, %", "leaves, %", "feet, cm", "bones, %", "futures, cm", "ms a frame"),
+    ),
+)  # fmt: skip
 
 
 def shipped() -> list[str]:
@@ -40,7 +50,9 @@ def short() -> list[ErrorTable]:
     for paper, name, rows, columns in SHORT:
         if paper in shipped():
             module = _module(paper)
-            tables.append(module.tables(module.load_result())[name].only(rows, columns))
+            table = module.tables(module.load_result())[name].only(rows, columns)
+            caption = f"{PAPERS[paper]}, {table.caption[:1].lower()}{table.caption[1:]}"
+            tables.append(dataclasses.replace(table, caption=caption))
     return tables
 
 

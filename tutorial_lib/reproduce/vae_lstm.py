@@ -16,7 +16,7 @@ What is measured
 
 The result, a dict that is written as JSON
     ========== ===================================================================================================
-    paper      "vae-lstm"; ``schema`` 1; ``versions``, ``date``
+    paper      "vae-lstm"; ``schema`` 2; ``versions``, ``date``
     data       "bandai-namco" or "samples"; ``data_sets``; ``quick``: true for a trial with tiny networks
     protocol   clips, their frames, ``at`` (frames at 60 a second), fps, frames shown, samples, ...
     budget     steps of the VAE-LSTM and ``each`` system, batch, length, hidden, pad, seeds; ``learning_rates``

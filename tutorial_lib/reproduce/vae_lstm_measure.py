@@ -213,7 +213,7 @@ def seconds_of_measuring(recipe: Recipe, sets: Clips, protocol: Protocol) -> flo
     """How long measuring a network will take at least, from fewer clips and samples with fresh weights."""
     trainer = trainer_for(recipe, sets=sets)
     checkpoint = Checkpoint(recipe.system, trainer.model.eval(), trainer.batches.representation,
-                            trainer.batches.normalizer, {}, {})  # fmt: skip
+                            trainer.batches.normalizer, {}, {}, sway=trainer.sway)  # fmt: skip
     train_clips, test_clips = ([motion for part in sets for motion in part[k]] for k in (0, 1))
     short = dataclasses.replace(protocol, clips=min(protocol.clips, 3), samples=8, pairs=2, paths=protocol.paths[:1])
     with one_thread():

@@ -16,7 +16,7 @@ from .vae_lstm_measure import GIVEN, GIVEN_LONG, HELD, PER_STEP, POSTERIOR, PRED
 from .vae_lstm_plan import BASELINES, SYSTEMS, VAE
 
 RESULT = RESULTS / "vae_lstm.json"
-SCHEMA = 1
+SCHEMA = 2  # 1: steps were told by how far a foot swings, and people walked without sway
 VAE_PRIOR = "vae-lstm-prior"  # the paper's last row
 # The rows of both tables: the paper's name, ours of the system, and how it was asked.
 ROWS_1 = {**{name: (name, PREDICTED) for name in BASELINES}, VAE: (VAE, POSTERIOR), VAE_PRIOR: (VAE, PRIOR)}
@@ -183,14 +183,16 @@ def _beyond(result: Result, columns: list[str]) -> dict[str, ErrorTable]:
         caption="From one code to another: length 1 is straight, a largest change far above 1 a jump", best=None,
     )  # fmt: skip
     found["paths"] = error_table(
-        ["mean", "largest", "without sway", "passed (%)"],
-        {f"{path}, {of_seeds(result, 'paths', path, 'seconds'):.0f} s, stride "
-         f"{CM * of_seeds(result, 'paths', path, 'stride'):.1f} cm": {
-             moved: [*(CM * of_seeds(result, "paths", path, way, k) for k in ("mean", "max", "mean_drift")),
-                     100 * of_seeds(result, "paths", path, way, "covered")]
-             for way, moved in (("given", "moved by the control given"), ("predicted", "moved by its own"))}
-         for path in one["paths"]},
-        caption="How far prior samples go from the prepared paths", unit="cm", best=None,
+        ["mean", "largest", "without sway", "passed (%)", "by its own control"],
+        {"moved by the control given": {
+            f"{path}, {of_seeds(result, 'paths', path, 'seconds'):.0f} s": [
+                *(CM * of_seeds(result, "paths", path, "deviation", k) for k in ("mean", "max", "drift")),
+                100 * of_seeds(result, "paths", path, "deviation", "covered"),
+                CM * of_seeds(result, "paths", path, "deviation", "predicted"),
+            ]
+            for path in one["paths"]}},
+        caption=f"How far people go from the prepared paths at {result['protocol']['pace']:g} m/s",
+        unit="cm", best=None,
     )  # fmt: skip
     found["feet"] = _feet(result, list(one["paths"]))
     found["speed"] = error_table(
@@ -203,21 +205,26 @@ def _beyond(result: Result, columns: list[str]) -> dict[str, ErrorTable]:
 
 
 def _feet(result: Result, paths: list[str]) -> ErrorTable:
-    """How far feet slide a step; how fast they slide, of every system, stands in the second group."""
-    nothing = [None] * 2
+    """Steps and how far feet slide in one; how fast they slide, of every system, stands in the second group."""
+    nothing = [None] * 5
+    places = {"test windows, true motion": ("steps", "true"), "test windows, prior samples": ("steps", "made")}
+    places |= {path: ("paths", path) for path in paths}
     rows = {
-        "test windows, true motion": [float(of_seeds(result, "steps", "slide", k)) for k in ("true", "true after")],
-        "test windows, prior samples": [float(of_seeds(result, "steps", "slide", k)) for k in ("before", "after")],
-    }
-    rows |= {path: [float(of_seeds(result, "paths", path, "slide", k)) for k in ("before", "after")] for path in paths}
+        name: [
+            *(scale * float(of_seeds(result, *keys, "before", what))
+              for what, scale in (("step_length", CM), ("cadence", 1), ("contact", 100))),
+            *(float(of_seeds(result, *keys, when, "slide")) for when in ("before", "after")),
+        ]
+        for name, keys in places.items()
+    }  # fmt: skip
     skates = {"true motion": np.mean([split["foot_skate"] for split in result["splits"].values()])}
     for label, way in dict.fromkeys((*ROWS_1.values(), *ROWS_2.values())):
         found = [run["ways"][way]["foot_skate"] for run in runs_of(result, label)]
         if found:
             skates[f"{SYSTEMS[label].title}, {way}"] = np.mean(numbers(found))
     return error_table(
-        ["cm", "cleaned up", "cm/s"],
-        {"sliding of a foot in one step": {name: [*values, None] for name, values in rows.items()},
+        ["step (cm)", "a minute", "contact (%)", "slide (cm)", "cleaned up", "cm/s"],
+        {"steps, and how far a foot slides in one": {name: [*values, None] for name, values in rows.items()},
          "speed of feet that stand": {name: [*nothing, float(value)] for name, value in skates.items()}},
         caption="Feet", best=None,
     )  # fmt: skip

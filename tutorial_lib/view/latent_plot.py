@@ -108,7 +108,7 @@ def band_plot(
     for axes in grid[max(0, len(panels) - columns) : len(panels)]:
         axes.set_xlabel(xlabel, fontsize=9)
     figure.legend(
-        labels.values(), labels.keys(), loc="outside upper right", ncols=len(labels), frameon=False, fontsize=9
+        labels.values(), labels.keys(), loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9
     )
     if title:
         figure.suptitle(title, fontsize=10, x=0.01, ha="left")
