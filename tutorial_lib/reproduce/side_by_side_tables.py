@@ -67,13 +67,13 @@ def failed(result: Result, label: str, rules: Sequence[str] = tuple(RULES)) -> f
     return sum(first is not None and first[0] in rules for first in firsts) / len(firsts) if firsts else math.nan
 
 
-def off_path(result: Result, label: str, moved: str = "given") -> float | None:
+def off_path(result: Result, label: str, moved: str = "mean") -> float | None:
     """Metres from the prepared paths, mean over them; None for a system that goes where it likes.
 
-    moved: by the control that it was told ("given"), or by the one that it puts out itself ("predicted").
+    moved: by the control that it was told ("mean"), or by the one that it puts out itself ("predicted").
     """
     found = [run["paths"] for run in runs_of(result, label) if run["paths"]]
-    return float(np.mean([p[moved]["mean"] for paths in found for p in paths.values()])) if found else None
+    return float(np.mean([p["deviation"][moved] for paths in found for p in paths.values()])) if found else None
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -227,8 +227,8 @@ def _paths(result: Result) -> ErrorTable | None:
     for label, row in _there(result):
         runs = [run["paths"] for run in runs_of(result, label) if run["paths"]]
         for path in runs[0] if runs else ():
-            told = numbers([run[path]["given"]["mean"] for run in runs])
-            own = numbers([run[path]["predicted"]["mean"] for run in runs])
+            told = numbers([run[path]["deviation"]["mean"] for run in runs])
+            own = numbers([run[path]["deviation"]["predicted"] for run in runs])
             gait = [[run[path][when][key] for run in runs] for when, key in (
                 ("before", "step_length"), ("before", "slide"), ("after", "slide"))]  # fmt: skip
             rows[f"{row.title}, {path}"] = [100 * told.mean(), 100 * own.mean(), 100 * numbers(gait[0]).mean(),
