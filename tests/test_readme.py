@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 from test_imports import FLOORS
 
-from tutorial_lib.cli import _parser
+from tutorial_lib.cli import _parser, main
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -87,3 +87,10 @@ def test_files_that_contributing_names_are_there():
     named = set(re.findall(r"`((?:tutorial_lib|tests|notebooks|docs)/[\w/.]+\.(?:py|json|yml))`", CONTRIBUTING))
     assert len(named) > 6
     assert [name for name in sorted(named) if not (ROOT / name).exists() and "name" not in name] == []
+
+
+def test_results_of_one_paper_and_of_none(capsys, fails):
+    assert main(["results", "acrnn"]) == 0
+    told = capsys.readouterr().out
+    assert "Martial Arts" in told and "What the paper finds, and whether it is so here:" in told
+    assert "there are acrnn, vae-lstm" in fails("results", "nobody")

@@ -120,3 +120,16 @@ def test_what_does_not_fit_is_told_in_one_line():
         error_table(COLUMNS, OURS, {"Dance": {"y": [1, 2, 3]}})
     with pytest.raises(TutorialError, match="'lowest', 'highest' or None"):
         error_table(COLUMNS, OURS, best="smallest")
+
+
+def test_some_rows_and_columns_as_they_stand_in_the_whole():
+    part = error_table(COLUMNS, OURS, PAPER).only(["acLSTM"], ["400 ms"])
+    assert part.columns == ["400 ms"]
+    assert part.groups == {
+        "Walking": [("acLSTM", "ours", [("1.50", True)])],
+        "Dance": [("acLSTM", "ours", [("–", False)])],
+    }
+    assert error_table(COLUMNS, OURS, PAPER).only().groups == error_table(COLUMNS, OURS, PAPER).groups
+    for names in ({"rows": ["GRU"]}, {"columns": ["1 s"]}):
+        with pytest.raises(TutorialError, match="has no"):
+            error_table(COLUMNS, OURS, PAPER).only(**names)

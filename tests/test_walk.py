@@ -111,7 +111,7 @@ def test_the_shipped_weights_tell_where_they_are_from():
         assert "--mirror" in origin["command"] and len(origin["clips"]) >= 8 and origin["test_clips"]
         assert pretrained.path(name).stat().st_size < 3.2e6
         for row in origin["metrics"]["walks"]:
-            assert row["given"]["mean"] < 0.3
+            assert row["deviation"]["mean"] < 0.3
         assert origin["metrics"]["trained_on_these_clips"] is False
         assert "walks a path at" in next(row.summary for row in pretrained.list() if row.name == name)
         assert any("zigzag at 1.3 m/s: steps of" in line for line in summary(origin["metrics"]))

@@ -93,9 +93,9 @@ def measured_walk(
 ) -> dict[str, Any]:
     """``count`` people on a prepared path, mean over them.
 
-    seconds: that it takes them. given: how far they go from the path, in metres, ``mean`` and ``max``, ``mean_drift``
-    with the hip's sway taken out, and ``covered``, the share of it that they pass; predicted: the same, moved as the
-    network says itself that they moved. ``before`` the clean-up and ``after`` it: :func:`gait_of` them.
+    seconds: that it takes them. deviation: how far they go from the path, in metres, ``mean`` and ``max``, ``drift``
+    with the hip's sway taken out, and ``covered``, the share of it that they pass; ``predicted``: the mean, moved as
+    the network says itself that they moved. ``before`` the clean-up and ``after`` it: :func:`gait_of` them.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of turns at which people slow down
@@ -103,18 +103,19 @@ def measured_walk(
         motions = walk(checkpoint, path, pace, count=count, seed=seed, codes=codes, clean=False)
     asked = {"seed": seed, "codes": codes, "place": planned.start, "heading": planned.heading}
     alone = generate_from_control(checkpoint, planned.control, integrate="predicted", **asked)
-    ways = {"given": motions, "predicted": alone}
+    each, lost = ([path_deviation(m, prepared_path(path)) for m in some] for some in (motions, alone))
     return {
         "seconds": motions[0].duration,
-        **{way: _off_path(moved, path) for way, moved in ways.items()},
+        "deviation": {
+            "mean": float(np.mean([d.mean for d in each])),
+            "max": float(np.mean([d.max for d in each])),
+            "drift": float(np.mean([d.mean_drift for d in each])),
+            "covered": float(np.mean([d.covered for d in each])),
+            "predicted": float(np.mean([d.mean for d in lost])),
+        },
         "before": gait_of(motions),
         "after": gait_of([planted_feet(motion) for motion in motions]),
     }
-
-
-def _off_path(motions: Sequence[Motion], path: str) -> dict[str, float]:
-    each = [path_deviation(motion, prepared_path(path)) for motion in motions]
-    return {name: float(np.mean([getattr(d, name) for d in each])) for name in ("mean", "max", "mean_drift", "covered")}
 
 
 def gait_of(motions: Sequence[Motion]) -> dict[str, float | None]:
@@ -188,9 +189,10 @@ def summary(result: dict[str, Any]) -> list[str]:
         walked = gait["step_length"] is not None
         lines.append(f"clips at {pace + ' m/s':<11}{told(gait) if walked else 'none'}")
     for row in result["walks"]:
+        off = row["deviation"]["mean"]
         lines.append(
             f"{row['path']} at {row['pace']:g} m/s: {told(row['before'])}, "
-            f"{number(row['after']['slide'])} after the clean-up; {number(row['given']['mean'], 100)} cm from the path"
+            f"{number(row['after']['slide'])} after the clean-up; {number(off, 100)} cm from the path"
         )
     ms = ", ".join(f"{value:.1f} ms for {count}" for count, value in result["ms"].items())
     return [*lines, f"a second of motion  {ms} at once"]

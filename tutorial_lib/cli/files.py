@@ -118,7 +118,8 @@ def _data_list(options: argparse.Namespace, _: Sequence[str]) -> None:
         from ..view.tables import markdown_table
 
         sets = [data.entry(name) for name in data.names()]  # as published, whatever is at hand
-        cells = [(f"`{row.name}`", row.clips, row.title, row.licence) for row in sets]
+        here = {row.name: row.clips for row in data.listing()}  # the samples are published nowhere else
+        cells = [(f"`{row.name}`", row.clips or here[row.name], row.title, row.licence) for row in sets]
         print(markdown_table(("name", "clips", "what", "licence"), cells, right=(1,)), end="")
         return
     rows = [("name", "clips", "minutes", "MB", "at hand", "licence", "what")]

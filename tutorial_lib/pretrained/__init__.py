@@ -55,7 +55,7 @@ class Pretrained:
         if freezing and frames:
             text += f"; {freezing['count']} of {self.metrics['seeds']} freeze within {frames:,} frames"
         if walks := self.metrics.get("walks"):
-            away = sum(row["given"]["mean"] for row in walks) / len(walks)
+            away = sum(row["deviation"]["mean"] for row in walks) / len(walks)
             paces = " and ".join(f"{pace:g}" for pace in sorted({row["pace"] for row in walks}))
             text += f"; walks a path at {paces} m/s, {100 * away:.0f} cm from it on average"
         return text

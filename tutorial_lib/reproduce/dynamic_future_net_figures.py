@@ -46,7 +46,7 @@ def figure_6(result: Result, label: str | None = None) -> Figure | None:
     axes = figure.subplots()
     for action, path in run["paths"]["clips"].items():
         _path(axes, numbers(path), color(action), action)
-    figure.legend(loc="outside right upper", frameon=False, fontsize=9)
+    figure.legend(loc="outside right center", frameon=False, fontsize=9)
     _plain(axes, "")
     figure.suptitle("Figure 6: clips in the latent space" + note(result), fontsize=9, x=0.01, ha="left")
     return figure
@@ -109,8 +109,9 @@ def figure_9(result: Result, label: str | None = None) -> Figure | None:
         panels[f"from {action}"] = {
             "futures": tuple(numbers(values) for values in entry["band"]),
             "data of this action": tuple(x * flat for x in entry["own"]["data"]),
-            "all data": tuple(x * flat for x in fan["data"]),
         }
+        if whole:  # else they are the same
+            panels[f"from {action}"]["all data"] = tuple(x * flat for x in fan["data"])
     return band_plot(panels, x=fan["frames"], xlabel="frame", title="Figure 9, metres" + note(result))
 
 

@@ -224,9 +224,8 @@ def _beside(result: Result) -> ErrorTable | None:
     if not groups:
         return None
     columns = [f"apart {first}", f"apart {last}", f"fail of {result['protocol']['stable']}"]
-    return error_table(columns, groups, best=None, unit="m over the whole pose",
-                       caption=f"Pairwise distance of motions from one beginning, or on one path; {_steps(result)}" + note(result),
-                       )  # fmt: skip
+    caption = f"Pairwise distance of motions from one beginning, or on one path; {_steps(result)}{note(result)}"
+    return error_table(columns, groups, best=None, unit="m over the whole pose", caption=caption)
 
 
 def _steps(result: Result) -> str:

@@ -8,8 +8,6 @@ from .results import Finding, Result, numbers
 from .side_by_side_plan import DFN, SYSTEMS, VAE
 from .side_by_side_tables import error, failed, off_path, runs_of, value
 
-MOVED = 50  # per cent of the true motion change: who moves less is slowing down
-
 
 def findings(result: Result) -> list[Finding]:
     """Each with its numbers; None where runs that it needs are missing."""
@@ -77,13 +75,13 @@ def _future(result: Result) -> list[Finding]:
 
 
 def _representation(result: Result) -> list[Finding]:
-    claim = "Neither paper: LSTM-3LR moves more after half a minute in the hip frame than in positions"
-    missing = _missing(result, claim, "lstm", "lstm-hip")
+    claim = "Neither paper: after 640 ms LSTM-3LR and acLSTM err half as much in the hip frame, or less"
+    pairs = [(label, f"{label}-hip") for label in ("lstm", "aclstm")]
+    missing = _missing(result, claim, *(label for pair in pairs for label in pair))
     if missing is not None:
         return [missing]
-    moves = {label: 100 * float(value(result, label, "moves")[-1])
-             for label in ("lstm", "aclstm", "lstm-hip", "aclstm-hip") if runs_of(result, label)}  # fmt: skip
-    return [Finding(claim, moves["lstm-hip"] > moves["lstm"], _listed({k: f"{v:.0f} %" for k, v in moves.items()}))]
+    errors = {label: error(result, label, 640) for pair in pairs for label in pair}
+    return [Finding(claim, all(errors[hip] < 0.5 * errors[own] for own, hip in pairs), _listed(_cm(errors)))]
 
 
 def _nobody(result: Result) -> list[Finding]:

@@ -20,7 +20,7 @@ RESULT = RESULTS / "side_by_side.json"
 SCHEMA = 1
 STOPS = ("freezing", "stuck")  # of the rules; the others find who leaves human poses
 COLUMNS = (
-    "80 ms, cm", "320 ms, cm", "640 ms, cm", "moves, %", "stops, %", "leaves, %", "feet, cm", "bones, %",
+    "80 ms, cm", "320 ms, cm", "640 ms, cm", "moves, %", "m/s", "stops, %", "leaves, %", "feet, cm", "bones, %",
     "futures, cm", "off path, cm", "weights, k", "steps", "core s", "ms a frame",
 )  # fmt: skip
 SHOWN_MS = (80, 320, 640)
@@ -143,6 +143,7 @@ def _side_by_side(result: Result, data: str, note: str) -> ErrorTable:
         rows[row.title] = [
             *(_text(error(result, label, ms), 1) for ms in SHOWN_MS),
             _text(100 * value(result, label, "moves")[-1], 0),
+            _text(value(result, label, "speed"), 2),
             _text(100 * failed(result, label, STOPS), 0),
             _text(100 * (failed(result, label) - failed(result, label, STOPS)), 0),
             _text(value(result, label, "flaws", "foot_slide"), 1),
@@ -161,7 +162,8 @@ def _side_by_side(result: Result, data: str, note: str) -> ErrorTable:
     }
     true = [None] * len(COLUMNS)
     for column, (text, digits) in {
-        "moves, %": (100.0, 0), "feet, cm": (_true(result, "foot_slide"), 1), "bones, %": (_true(result, "bones"), 1),
+        "moves, %": (100.0, 0), "m/s": (_true(result, "speed"), 2), "feet, cm": (_true(result, "foot_slide"), 1),
+        "bones, %": (_true(result, "bones"), 1),
     }.items():  # fmt: skip
         true[COLUMNS.index(column)] = _text(text, digits)
     compare["people"] = true

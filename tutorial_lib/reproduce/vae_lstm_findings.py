@@ -128,8 +128,8 @@ def _beyond(result: Result) -> list[Finding]:
         Finding(claim, bool(values[-1] >= 1), ", ".join(f"{x:.2f}" for x in values) + " cm")
         for claim, values in zip(claims, differ.values(), strict=False)
     ]
-    for claim, way in zip(claims[2:], ("given", "predicted"), strict=False):
-        means = {path: float(of_seeds(result, "paths", path, way, "mean")) for path in one["paths"]}
+    for claim, way in zip(claims[2:], ("mean", "predicted"), strict=False):
+        means = {path: float(of_seeds(result, "paths", path, "deviation", way)) for path in one["paths"]}
         said = ", ".join(f"{path} {CM * x:.1f} cm" for path, x in means.items())
         found.append(Finding(claim, all(x < 0.3 for x in means.values()), said))
     true = float(of_seeds(result, "steps", "true", "before", "step_length"))

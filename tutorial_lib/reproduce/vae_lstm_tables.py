@@ -183,12 +183,14 @@ def _beyond(result: Result, columns: list[str]) -> dict[str, ErrorTable]:
         caption="From one code to another: length 1 is straight, a largest change far above 1 a jump", best=None,
     )  # fmt: skip
     found["paths"] = error_table(
-        ["mean", "largest", "without sway", "passed (%)"],
-        {f"{path}, {of_seeds(result, 'paths', path, 'seconds'):.0f} s": {
-            moved: [*(CM * of_seeds(result, "paths", path, way, k) for k in ("mean", "max", "mean_drift")),
-                    100 * of_seeds(result, "paths", path, way, "covered")]
-            for way, moved in (("given", "moved by the control given"), ("predicted", "moved by its own"))}
-         for path in one["paths"]},
+        ["mean", "largest", "without sway", "passed (%)", "by its own control"],
+        {"moved by the control given": {
+            f"{path}, {of_seeds(result, 'paths', path, 'seconds'):.0f} s": [
+                *(CM * of_seeds(result, "paths", path, "deviation", k) for k in ("mean", "max", "drift")),
+                100 * of_seeds(result, "paths", path, "deviation", "covered"),
+                CM * of_seeds(result, "paths", path, "deviation", "predicted"),
+            ]
+            for path in one["paths"]}},
         caption=f"How far people go from the prepared paths at {result['protocol']['pace']:g} m/s",
         unit="cm", best=None,
     )  # fmt: skip
