@@ -277,7 +277,7 @@ def test_what_else_does_not_fit(checkpoint, control, clips, small_motion):
 
 
 def test_each_kind_of_network_in_its_own_place(checkpoint, control, clips, tmp_path):
-    with pytest.raises(CheckpointError, match="'vae-lstm', which follows a control signal .*generate_control"):
+    with pytest.raises(CheckpointError, match="'vae-lstm', which follows a control signal .*walks a path"):
         generate(checkpoint, 10, seeds=clips[1])
     with pytest.raises(CheckpointError, match="follows a control signal"):
         evaluate(checkpoint, clips[1], count=2, frames=30)
