@@ -20,7 +20,7 @@ import pytest
 from tutorial_lib.errors import TutorialError
 from tutorial_lib.view.benchmark import PLAYER, open_chromium
 
-__all__ = ["PLAYER", "chromium", "jupyterlab", "new_page", "picture", "wait_until_ready"]
+__all__ = ["PLAYER", "chromium", "jupyterlab", "new_page", "picture", "running_cell", "wait_until_ready"]
 ROOT = pathlib.Path(__file__).parents[1]
 
 
@@ -107,3 +107,24 @@ def jupyterlab(folder: pathlib.Path) -> Iterator[str]:
             except subprocess.TimeoutExpired:
                 server.kill()
                 server.wait()
+
+
+@contextmanager
+def running_cell(browser: Any, folder: pathlib.Path, cell: str) -> Iterator[Any]:
+    """A page of JupyterLab in which a notebook with one cell is being run."""
+    nbformat = pytest.importorskip("nbformat")
+    pytest.importorskip("jupyterlab")
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell)])
+    notebook.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    nbformat.write(notebook, folder / "live.ipynb")
+    with jupyterlab(folder) as address:
+        page = new_page(browser, viewport={"width": 1100, "height": 1000})
+        page.goto(address.format("live.ipynb"))
+        page.locator(".jp-Notebook").wait_for(timeout=60_000)
+        page.wait_for_function(
+            "window.jupyterapp?.shell?.currentWidget?.sessionContext?.session?.kernel?.status === 'idle'",
+            timeout=60_000,
+        )
+        page.errors.clear()  # JupyterLab's own, of its start
+        page.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")
+        yield page

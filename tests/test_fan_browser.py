@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from browser import jupyterlab, new_page, wait_until_ready
+from browser import new_page, running_cell, wait_until_ready
 from test_fan import Imagination
 from widget_page import page_of
 
@@ -140,21 +140,7 @@ Fan({"stroll": stand_in(60, seed=1)}, futures, count=2)"""
 
 
 def test_in_jupyterlab_python_imagines_what_is_asked_for(browser, tmp_path):
-    nbformat = pytest.importorskip("nbformat")
-    pytest.importorskip("jupyterlab")
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
-    notebook.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3", "language": "python"}
-    nbformat.write(notebook, tmp_path / "live.ipynb")
-    with jupyterlab(tmp_path) as address:
-        page = new_page(browser, viewport={"width": 1100, "height": 1000})
-        page.goto(address.format("live.ipynb"))
-        page.locator(".jp-Notebook").wait_for(timeout=60_000)
-        page.wait_for_function(
-            "window.jupyterapp?.shell?.currentWidget?.sessionContext?.session?.kernel?.status === 'idle'",
-            timeout=60_000,
-        )
-        page.errors.clear()  # JupyterLab's own, of its start
-        page.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")
+    with running_cell(browser, tmp_path, CELL) as page:
         panel = page.locator(".fan")
         panel.wait_for(timeout=60_000)
         panel.scroll_into_view_if_needed()

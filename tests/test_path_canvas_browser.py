@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from browser import jupyterlab, new_page
+from browser import new_page, running_cell
 from widget_page import CANVAS, page_of
 
 from tutorial_lib.motion.ground import check_path, circle, path_length, path_offset
@@ -242,21 +242,7 @@ canvas"""
 
 
 def test_in_jupyterlab_the_path_arrives_in_python_and_a_figure_moves_below(browser, tmp_path):
-    nbformat = pytest.importorskip("nbformat")
-    pytest.importorskip("jupyterlab")
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
-    notebook.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3", "language": "python"}
-    nbformat.write(notebook, tmp_path / "live.ipynb")
-    with jupyterlab(tmp_path) as address:
-        page = new_page(browser, viewport={"width": 1100, "height": 1000})
-        page.goto(address.format("live.ipynb"))
-        page.locator(".jp-Notebook").wait_for(timeout=60_000)
-        page.wait_for_function(
-            "window.jupyterapp?.shell?.currentWidget?.sessionContext?.session?.kernel?.status === 'idle'",
-            timeout=60_000,
-        )
-        page.errors.clear()  # JupyterLab's own, of its start
-        page.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")
+    with running_cell(browser, tmp_path, CELL) as page:
         surface = page.locator(".surface")
         surface.wait_for(timeout=60_000)
         page.locator(".canvas").scroll_into_view_if_needed()

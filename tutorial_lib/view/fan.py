@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import base64
 import functools
-import html
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -24,6 +23,7 @@ from .figure import NotebookFigure
 from .page import page_file, script_of
 from .player import Player
 from .strip import as_motions
+from .widget_cell import WidgetCell
 
 STEP = 0.002  # metres: what the futures are rounded to for the page; there are many of them
 MOST, HOTTEST = 12, 3.0
@@ -45,7 +45,7 @@ class Choice:
     seed: int = 0
 
 
-class Fan:
+class Fan(WidgetCell):
     """A fan of futures that is the last line of a cell.
 
     clips: what the past can be cut from, ``{name: Motion}`` or motions with names, all at one frame rate.
@@ -64,6 +64,8 @@ class Fan:
 
         Fan(clips, futures)
     """
+
+    _static = _STATIC
 
     def __init__(
         self,
@@ -189,32 +191,21 @@ class Fan:
         name, choice = list(self.clips)[self.choice.clip], self.choice
         return f"{choice.count} futures of {name}, temperature {choice.temperature:g}"
 
-    @functools.cached_property
-    def png(self) -> bytes:
-        """``figure`` as a PNG file's bytes."""
-        return self.figure.png()
-
     @property
     def alt(self) -> str:
         """What the picture shows, in words."""
         return f"{self.title}. {self._says}, seen at seven moments. {_STATIC}"
 
-    @property
-    def html(self) -> str:
-        """What a page without a kernel shows in the controls' place, below the player."""
-        return f"<p><em>{html.escape(_STATIC)}</em></p>"
-
-    def _ipython_display_(self) -> None:
+    def _display_picture(self) -> None:
+        """The picture, and a player of the first fan below it."""
         from IPython.display import display
 
-        if self.picture:
-            data = base64.b64encode(self.png).decode()
-            display({"image/png": data, "text/plain": self.alt}, raw=True,
-                    metadata={"image/png": {"alt": self.alt}})  # fmt: skip
-            display({"text/html": self.player.html, "text/plain": repr(self.player)}, raw=True)
-        view = {"version_major": 2, "version_minor": 0, "model_id": self.widget.model_id}
-        bundle = {"application/vnd.jupyter.widget-view+json": view, "text/html": self.html, "text/plain": repr(self)}
-        display(bundle, raw=True)
+        super()._display_picture()
+        display({"text/html": self.player.html, "text/plain": repr(self.player)}, raw=True)
+
+    @property
+    def _shown(self) -> Any:
+        return self.widget
 
     def __repr__(self) -> str:
         return f"<Fan: {self._says}>"

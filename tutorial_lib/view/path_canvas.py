@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import functools
-import html
 import math
 import warnings
 from collections.abc import Callable, Sequence
@@ -23,12 +22,13 @@ from . import palette
 from .figure import NotebookFigure
 from .page import page_file, script_of
 from .path_plot import draw_path, ground_of
+from .widget_cell import WidgetCell
 
 _STATIC = "Drawing needs a live kernel: run this cell in Jupyter. Until then the prepared paths serve, by their names."
 _MOST = 600  # places of a walked way that are sent to the page
 
 
-class PathCanvas:
+class PathCanvas(WidgetCell):
     """A canvas that is the last line of a cell; ``path`` and ``pace`` are what the reader drew and chose.
 
     path: points ``(N, 2)`` of x and z in metres to begin with, or the name of a prepared path ("circle", "figure of
@@ -49,6 +49,8 @@ class PathCanvas:
             canvas.show_walked(motion)
             return show(motion)
     """
+
+    _static = _STATIC
 
     def __init__(
         self,
@@ -201,32 +203,18 @@ class PathCanvas:
             axes.set_title(f"{name}, {path_length(path):.1f} m", fontsize=8.5, loc="left", pad=3)
         return figure
 
-    @functools.cached_property
-    def png(self) -> bytes:
-        """``figure`` as a PNG file's bytes."""
-        return self.figure.png()
-
     @property
     def alt(self) -> str:
         """What the picture shows, in words."""
         return f"{self.title}. Prepared paths seen from above: {', '.join(PREPARED)}. {_STATIC}"
 
+    def _display_picture(self) -> None:
+        self.widget.picture = base64.b64encode(self.png).decode()[-120:]
+        super()._display_picture()
+
     @property
-    def html(self) -> str:
-        """What a page without a kernel shows in the canvas's place."""
-        return f"<p><em>{html.escape(_STATIC)}</em></p>"
-
-    def _ipython_display_(self) -> None:
-        from IPython.display import display
-
-        if self.picture:
-            data = base64.b64encode(self.png).decode()
-            self.widget.picture = data[-120:]
-            display({"image/png": data, "text/plain": self.alt}, raw=True,
-                    metadata={"image/png": {"alt": self.alt}})  # fmt: skip
-        view = {"version_major": 2, "version_minor": 0, "model_id": self._box.model_id}
-        bundle = {"application/vnd.jupyter.widget-view+json": view, "text/html": self.html, "text/plain": repr(self)}
-        display(bundle, raw=True)
+    def _shown(self) -> Any:
+        return self._box
 
     def __repr__(self) -> str:
         path = self.path
