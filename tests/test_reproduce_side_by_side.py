@@ -17,7 +17,7 @@ from tutorial_lib.metrics import PAPER_TIMES_MS
 from tutorial_lib.motion.retarget import to_common
 from tutorial_lib.recipes import Recipe
 from tutorial_lib.representations import make_representation
-from tutorial_lib.reproduce import side_by_side, side_by_side_networks
+from tutorial_lib.reproduce import side_by_side, side_by_side_networks, sources
 from tutorial_lib.reproduce.side_by_side_measure import blocks, errors_of, flaws_of, futures_of, root_speed
 from tutorial_lib.reproduce.side_by_side_plan import DFN, QUICK, SYSTEMS, VAE, Budget, Plan, name_of
 from tutorial_lib.reproduce.side_by_side_rollouts import control_for, go_on, motions_of, placed, windows_of
@@ -308,7 +308,7 @@ def test_called_again_it_trains_nothing(made):
 
 
 def test_without_captured_walks_the_samples_stand_in(tmp_path, monkeypatch):
-    monkeypatch.setattr(side_by_side, "at_hand", lambda name: False)
+    monkeypatch.setattr(sources, "at_hand", lambda name: False)
     told: list[str] = []
     with pytest.raises(DataError, match="none of the 10 runs is finished"):
         side_by_side.reproduce(runs=tmp_path, train_missing=False, tell=told.append)

@@ -18,7 +18,7 @@ from tutorial_lib.generate import generate_features
 from tutorial_lib.generate_control import features_from_code, generate_control_features, generate_from_control
 from tutorial_lib.models.vae_lstm import VAELSTM
 from tutorial_lib.recipes import Recipe, sets_of
-from tutorial_lib.reproduce import vae_lstm
+from tutorial_lib.reproduce import sources, vae_lstm
 from tutorial_lib.reproduce.published import VAE_LSTM_TABLE_1, VAE_LSTM_TABLE_2
 from tutorial_lib.reproduce.vae_lstm_measure import GIVEN, POSTERIOR, PREDICTED, PRIOR
 from tutorial_lib.reproduce.vae_lstm_plan import BASELINES, QUICK, SYSTEMS, VAE, Budget, Plan, name_of
@@ -286,7 +286,7 @@ def test_rates_are_chosen_on_clips_that_are_neither_trained_on_nor_tested(tmp_pa
 
 
 def test_without_the_papers_kind_of_data_the_samples_stand_in(tmp_path, monkeypatch):
-    monkeypatch.setattr(vae_lstm, "at_hand", lambda name: False)
+    monkeypatch.setattr(sources, "at_hand", lambda name: False)
     told: list[str] = []
     with pytest.raises(DataError, match="none of the 5 runs is finished"):
         vae_lstm.reproduce(runs=tmp_path, train_missing=False, tell=told.append)

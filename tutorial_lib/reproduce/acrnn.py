@@ -63,9 +63,9 @@ from .acrnn_tables import (
     true_change,
 )
 from .cost import Cost, Costs, both, choose_rates, validated, whole_cost
-from .grid import Report, Run, Told, clips_for, finished, side_by_side
+from .grid import Report, Run, Told, asked_for, clips_for, finished, folders, side_by_side
 from .results import head, tell_result, write_result
-from .sources import check_data, data_from
+from .sources import clips_from
 
 __all__ = [
     "difference",
@@ -119,14 +119,11 @@ def reproduce(
     has a run of another recipe in the place of one of these.
     """
     samples = source == "samples"
-    sizes = {**dataclasses.asdict(QUICK["budget"] if quick else Budget()), **(budget or {})}
-    made = {**(QUICK if quick else {}), "budget": Budget(**sizes)}
-    plan = Plan(samples=samples, styles=tuple(styles), seeds=tuple(seeds), grid=grid, **made)
-    runs = pathlib.Path(runs or pathlib.Path("runs") / ("acrnn-samples" if samples else "acrnn"))
-    out = pathlib.Path(out or runs)
-    with data_from(None if samples else source):
-        check_data([plan.data(style) for style in plan.styles], of_folder=source is not None and not samples,
-                   hint="--styles takes fewer, --data samples the sample motions")  # fmt: skip
+    plan = Plan(samples=samples, styles=tuple(styles), seeds=tuple(seeds), grid=grid,
+                **asked_for(Budget(), QUICK, quick, budget))  # fmt: skip
+    runs, out = folders("acrnn", samples, runs, out)
+    with clips_from(source, [plan.data(style) for style in plan.styles], samples=samples,
+                    hint="--styles takes fewer, --data samples the sample motions"):  # fmt: skip
         record, costs = None, _costs(plan)
         if tuning:
             plan, record = tune(plan, runs, costs, jobs=jobs, tell=tell)

@@ -20,7 +20,7 @@ from ..recipes import Recipe, recipe_in, trainer_for
 from ..training.checkpoints import Checkpoint, load_checkpoint, read_header
 from .acrnn_plan import LONG_RUNS, Protocol
 from .failures import Truth, failures
-from .grid import Clips, Report, Run, clips_for, one_thread, train
+from .grid import Clips, Report, Run, clips_for, one_thread, train, trained_with
 from .results import rounded
 
 
@@ -57,10 +57,7 @@ def _described(run: Run, checkpoint: Checkpoint) -> dict[str, Any]:
         "seed": run.recipe.seed,
         "u": options.get("u"),
         "v": options.get("v"),
-        "recipe": run.recipe.to_dict(),
-        "parameters": checkpoint.n_parameters,
-        "seconds": checkpoint.training["seconds"],
-        "loss": checkpoint.training["loss"],
+        **trained_with(run.recipe, checkpoint),
     }
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from ..errors import TutorialError
 from ..generate import SEED_FRAMES
 from ..recipes import Recipe
-from .grid import Run
+from .grid import Run, check_each_once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,9 +98,7 @@ class Plan:
         for style in self.styles:
             if style not in STYLES:
                 raise TutorialError(f"unknown style {style!r}; known are {', '.join(STYLES)}")
-        for name, values in (("styles", self.styles), ("seeds", self.seeds)):
-            if not values or len(set(values)) < len(values):
-                raise TutorialError(f"{name} {list(values)}: expected one or more, each once")
+        check_each_once(styles=self.styles, seeds=self.seeds)
 
     def data(self, style: str) -> str:
         """The data set of a style."""

@@ -49,11 +49,11 @@ from .dynamic_future_net_measure import (
     seconds_of_measuring,
     train_and_measure,
 )
-from .dynamic_future_net_plan import JOINT, NETWORKS, QUICK, SHIPPED, Budget, Plan, name_of
+from .dynamic_future_net_plan import DATA, JOINT, NETWORKS, QUICK, SHIPPED, Budget, Plan, name_of
 from .dynamic_future_net_tables import SCHEMA, load_result, tables
-from .grid import Run, Told, clips_for, finished, side_by_side
+from .grid import Run, Told, asked_for, clips_for, finished, folders, side_by_side
 from .results import head, tell_result, write_result
-from .sources import at_hand, check_data, data_from
+from .sources import clips_from, samples_stand_in
 
 __all__ = ["figure_6", "figure_7", "figure_8", "figure_9", "findings", "load_result", "reproduce", "tables"]
 
@@ -84,20 +84,10 @@ def reproduce(
     Raises :class:`DataError` for data that is not at hand, ``CheckpointError`` if the folder of runs has a run of
     another recipe in the place of one of these.
     """
-    sizes = {**dataclasses.asdict(QUICK["budget"] if quick else Budget()), **(budget or {})}
-    made = {**(QUICK if quick else {}), "budget": Budget(**sizes), "networks": tuple(networks)}
-    plan = Plan(**made)
-    missing = [name for name in plan.data if not at_hand(name)] if source is None else []
-    if source == "samples" or missing:
-        plan = dataclasses.replace(plan, samples=True)
-        if missing:
-            tell(f"{missing[0]} is not at hand, so the sample motions stand in for it")
-    name = "dynamic-future-net" + ("-samples" if plan.samples else "")
-    runs = pathlib.Path(runs or pathlib.Path("runs") / name)
-    out = pathlib.Path(out or runs)
-    with data_from(None if plan.samples else source):
-        check_data(plan.data, of_folder=source is not None and not plan.samples,
-                   hint="--data samples takes the samples")  # fmt: skip
+    samples = samples_stand_in(source, DATA.values(), tell)
+    plan = Plan(samples=samples, networks=tuple(networks), **asked_for(Budget(), QUICK, quick, budget))
+    runs, out = folders("dynamic-future-net", samples, runs, out)
+    with clips_from(source, plan.data, samples=samples):
         result = _measured(plan, runs, jobs=jobs, train_missing=train_missing, tell=tell)
     path = write_result(result, out / "dynamic_future_net.json")
     drawn = {f"figure-{n}": draw(result) for n, draw in ((6, figure_6), (7, figure_7), (8, figure_8), (9, figure_9))}

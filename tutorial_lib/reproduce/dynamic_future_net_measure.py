@@ -38,7 +38,7 @@ from .dynamic_future_net_fan import (
 )
 from .dynamic_future_net_plan import NETWORKS, SHIPPED, Network, Plan, Protocol, name_of, sets_for
 from .failures import Truth, failures
-from .grid import Report, Run, clips_for, one_thread, train
+from .grid import Report, Run, clips_for, one_thread, train, trained_with
 from .results import rounded, write_result
 
 DATA_WINDOWS = 4000  # of the training clips, in which a copy is looked for
@@ -102,10 +102,7 @@ def entry_of(checkpoint: Checkpoint, recipe: Recipe, name: str, sets: Sequence[t
         "system": network.system,
         "actions": network.actions,
         "train_seconds": sum(m.duration for each in clips[0].values() for m in each),
-        "recipe": recipe.to_dict(),
-        "parameters": checkpoint.n_parameters,
-        "seconds": checkpoint.training["seconds"],
-        "loss": checkpoint.training["loss"],
+        **trained_with(recipe, checkpoint),
         **measure(checkpoint, *clips, network, protocol),
     }
 

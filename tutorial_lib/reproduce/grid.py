@@ -13,12 +13,13 @@ import os
 import pathlib
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from ..data.catalog import DATA
-from ..errors import CheckpointError, DataError
+from ..errors import CheckpointError, DataError, TutorialError
 from ..motion.clip import Motion
 from ..recipes import Recipe, differences, recipe_in, sets_of, trainer_for
-from ..training.checkpoints import read_header
+from ..training.checkpoints import Checkpoint, read_header
 from ..training.trainer import Trainer, TrainingError
 from .spread import Report, Stopped, one_thread
 from .spread import side_by_side as side_by_side
@@ -70,6 +71,37 @@ def finished(runs: Sequence[Run], folder: str | os.PathLike) -> list[Run]:
     if not found:
         raise DataError(f"{folder}: none of the {len(runs)} runs is finished, so there is nothing to measure")
     return found
+
+
+def asked_for(default: Any, trial: Mapping[str, Any], quick: bool, budget: Mapping[str, int] | None) -> dict[str, Any]:
+    """A plan's arguments: its budget with the sizes that were asked for, and all of a ``quick`` trial's."""
+    base = trial["budget"] if quick else default
+    return {**(trial if quick else {}), "budget": dataclasses.replace(base, **(budget or {}))}
+
+
+def folders(
+    name: str, samples: bool, runs: str | os.PathLike | None, out: str | os.PathLike | None
+) -> tuple[pathlib.Path, pathlib.Path]:
+    """The folder of a command's runs, by default ``runs/name``, and that of its result, by default the same."""
+    runs = pathlib.Path(runs or pathlib.Path("runs") / (f"{name}-samples" if samples else name))
+    return runs, pathlib.Path(out or runs)
+
+
+def check_each_once(**several: Sequence[Any]) -> None:
+    """:class:`TutorialError` for values of which there is none, or one twice."""
+    for name, values in several.items():
+        if not values or len(set(values)) < len(values):
+            raise TutorialError(f"{name} {list(values)}: expected one or more, each once")
+
+
+def trained_with(recipe: Recipe, checkpoint: Checkpoint) -> dict[str, Any]:
+    """What every result says of a run: its recipe, and what the training told."""
+    return {
+        "recipe": recipe.to_dict(),
+        "parameters": checkpoint.n_parameters,
+        "seconds": checkpoint.training["seconds"],
+        "loss": checkpoint.training["loss"],
+    }
 
 
 def clips_for(recipe: Recipe) -> Clips:

@@ -42,14 +42,14 @@ from typing import Any
 from .. import metrics
 from ..evaluate import jsonable
 from .cost import Costs, whole_cost
-from .grid import Run, Told, clips_for, finished, side_by_side
+from .grid import Run, Told, asked_for, clips_for, finished, folders, side_by_side
 from .results import head, tell_result, write_result
 from .side_by_side_findings import findings
 from .side_by_side_measure import seconds_of_measuring, train_and_measure
 from .side_by_side_networks import load_networks, write_networks
 from .side_by_side_plan import DATA, QUICK, SYSTEMS, Budget, Plan, name_of
 from .side_by_side_tables import SCHEMA, error, failed, load_result, off_path, tables, value
-from .sources import at_hand, check_data, data_from
+from .sources import clips_from, samples_stand_in
 
 __all__ = ["error", "failed", "findings", "load_networks", "load_result", "off_path", "reproduce", "tables", "value"]
 
@@ -81,16 +81,10 @@ def reproduce(
     Raises :class:`DataError` for data that is not at hand, ``CheckpointError`` if the folder of runs has a run of
     another recipe in the place of one of these.
     """
-    sizes = {**dataclasses.asdict(QUICK["budget"] if quick else Budget()), **(budget or {})}
-    made = {**(QUICK if quick else {}), "budget": Budget(**sizes)}
-    samples = source == "samples" or (source is None and not at_hand(DATA[0]))
-    if samples and source is None:
-        tell(f"{DATA[0]} is not at hand, so the sample motions stand in for it")
-    plan = Plan(samples=samples, seeds=tuple(seeds), **made)
-    runs = pathlib.Path(runs or pathlib.Path("runs") / ("side-by-side-samples" if samples else "side-by-side"))
-    out = pathlib.Path(out or runs)
-    with data_from(None if samples else source):
-        check_data(plan.data, of_folder=source is not None and not samples, hint="--data samples takes the samples")
+    samples = samples_stand_in(source, DATA, tell)
+    plan = Plan(samples=samples, seeds=tuple(seeds), **asked_for(Budget(), QUICK, quick, budget))
+    runs, out = folders("side-by-side", samples, runs, out)
+    with clips_from(source, plan.data, samples=samples):
         result = _measured(plan, runs, jobs=jobs, train_missing=train_missing, tell=tell)
     path = write_result(result, out / "side_by_side.json")
     count = write_networks(result, plan, runs, path.with_suffix(""))

@@ -21,7 +21,7 @@ from ..recipes import Recipe, trainer_for
 from ..representations import Representation, make_representation
 from ..training.checkpoints import Checkpoint, load_checkpoint
 from .failures import Truth, failures
-from .grid import Clips, Report, Run, clips_for, one_thread, train
+from .grid import Clips, Report, Run, clips_for, one_thread, train, trained_with
 from .results import rounded
 from .side_by_side_plan import SYSTEMS, Protocol, name_of
 from .side_by_side_rollouts import control_for, follows_control, go_on, windows_of
@@ -45,11 +45,8 @@ def train_and_measure(
         "label": name,
         "title": SYSTEMS[name].title,
         "seed": run.recipe.seed,
-        "recipe": run.recipe.to_dict(),
-        "parameters": checkpoint.n_parameters,
-        "seconds": checkpoint.training["seconds"],
+        **trained_with(run.recipe, checkpoint),
         "core_seconds": core_seconds(run.recipe, sets),
-        "loss": checkpoint.training["loss"],
         **measure(checkpoint, test_clips, truth, protocol),
     }
     split = split_of(train_clips, test_clips, truth, protocol)

@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from ..errors import TutorialError
 from ..recipes import Recipe
-from .grid import Run
+from .grid import Run, check_each_once
+from .vae_lstm_plan import check_pooled
 
 DATA = ("cmu/walking",)
 SAMPLES = ("samples/walking",)
@@ -92,10 +92,8 @@ class Plan:
     quick: bool = False
 
     def __post_init__(self):
-        if not self.seeds or len(set(self.seeds)) < len(self.seeds):
-            raise TutorialError(f"seeds {list(self.seeds)}: expected one or more, each once")
-        if self.budget.length % 4:
-            raise TutorialError(f"windows of {self.budget.length} frames: expected a multiple of 4, the pooling's")
+        check_each_once(seeds=self.seeds)
+        check_pooled(self.budget.length)
 
     @property
     def data(self) -> tuple[str, ...]:

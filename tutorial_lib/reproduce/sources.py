@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import pathlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from .. import data
 from ..data.catalog import DATA, data_folder
@@ -58,3 +58,24 @@ def at_hand(name: str) -> bool:
     """Whether a data set's files are on this machine."""
     return any(row.name == name and row.at_hand not in ("empty folder", "missing", "to download")
                for row in data.listing())  # fmt: skip
+
+
+def samples_stand_in(source: str | None, names: Iterable[str], tell: Callable[[str], None]) -> bool:
+    """Whether the sample motions are taken: asked for as ``source``, or told, where none is named and a data set's
+    files are not on this machine."""
+    if source is not None:
+        return source == "samples"
+    missing = next((name for name in names if not at_hand(name)), None)
+    if missing is not None:
+        tell(f"{missing} is not at hand, so the sample motions stand in for it")
+    return missing is not None
+
+
+@contextlib.contextmanager
+def clips_from(
+    source: str | None, names: Sequence[str], *, samples: bool, hint: str = "--data samples takes the samples"
+) -> Iterator[None]:
+    """Inside the block the data sets are those of the folder ``source``, if one was named; all are there."""
+    with data_from(None if samples else source):
+        check_data(names, of_folder=source is not None and not samples, hint=hint)
+        yield

@@ -43,9 +43,9 @@ from typing import Any
 
 from ..evaluate import jsonable
 from .cost import Costs, both, choose_rates, whole_cost
-from .grid import Run, Told, clips_for, finished, side_by_side
+from .grid import Run, Told, asked_for, clips_for, finished, folders, side_by_side
 from .results import head, tell_result, write_result
-from .sources import at_hand, check_data, data_from
+from .sources import clips_from, samples_stand_in
 from .vae_lstm_figures import figure_3, figure_4
 from .vae_lstm_findings import findings
 from .vae_lstm_measure import seconds_of_measuring, train_and_measure, validation_error
@@ -82,16 +82,10 @@ def reproduce(
     Raises :class:`DataError` for data that is not at hand, ``CheckpointError`` if the folder of runs has a run of
     another recipe in the place of one of these.
     """
-    sizes = {**dataclasses.asdict(QUICK["budget"] if quick else Budget()), **(budget or {})}
-    made = {**(QUICK if quick else {}), "budget": Budget(**sizes)}
-    samples = source == "samples" or (source is None and not at_hand(DATA[0]))
-    if samples and source is None:
-        tell(f"{DATA[0]} is not at hand, so the sample motions stand in for it")
-    plan = Plan(samples=samples, seeds=tuple(seeds), **made)
-    runs = pathlib.Path(runs or pathlib.Path("runs") / ("vae-lstm-samples" if samples else "vae-lstm"))
-    out = pathlib.Path(out or runs)
-    with data_from(None if samples else source):
-        check_data(plan.data, of_folder=source is not None and not samples, hint="--data samples takes the samples")
+    samples = samples_stand_in(source, DATA, tell)
+    plan = Plan(samples=samples, seeds=tuple(seeds), **asked_for(Budget(), QUICK, quick, budget))
+    runs, out = folders("vae-lstm", samples, runs, out)
+    with clips_from(source, plan.data, samples=samples):
         record, costs = None, _costs(plan)
         if tuning:
             plan, record = tune(plan, runs, costs, jobs=jobs, tell=tell)

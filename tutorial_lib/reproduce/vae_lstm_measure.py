@@ -22,7 +22,7 @@ from ..recipes import Recipe, trainer_for
 from ..representations import Representation
 from ..training.checkpoints import Checkpoint, load_checkpoint
 from .cost import validated
-from .grid import Clips, Report, Run, clips_for, one_thread, train
+from .grid import Clips, Report, Run, clips_for, one_thread, train, trained_with
 from .results import rounded
 from .vae_lstm_beyond import beyond
 from .vae_lstm_plan import SYSTEMS, VAE, Protocol, name_of
@@ -48,10 +48,7 @@ def train_and_measure(
         "label": name,
         "title": SYSTEMS[name].title,
         "seed": run.recipe.seed,
-        "recipe": run.recipe.to_dict(),
-        "parameters": checkpoint.n_parameters,
-        "seconds": checkpoint.training["seconds"],
-        "loss": checkpoint.training["loss"],
+        **trained_with(run.recipe, checkpoint),
         "ways": measure(checkpoint, test_clips, protocol),
     }
     split = split_of(checkpoint, train_clips, test_clips, protocol)

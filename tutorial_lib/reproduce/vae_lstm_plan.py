@@ -10,7 +10,7 @@ from ..clip_errors import CLIP_FRAMES, PAPER_FRAMES
 from ..errors import TutorialError
 from ..motion.ground import PREPARED
 from ..recipes import Recipe
-from .grid import Run
+from .grid import Run, check_each_once
 
 DATA = ("bandai-namco/locomotion",)
 SAMPLES = ("samples/walking", "samples/running")
@@ -72,6 +72,12 @@ class Protocol:
     seconds: float = 10.0  # of motion whose making is timed
 
 
+def check_pooled(length: int) -> None:
+    """:class:`TutorialError` for windows that the two poolings of the VAE-LSTM cannot divide."""
+    if length % 4:
+        raise TutorialError(f"windows of {length} frames: expected a multiple of 4, the pooling's")
+
+
 @dataclasses.dataclass(frozen=True)
 class Plan:
     """All that decides what the command trains and measures."""
@@ -85,10 +91,8 @@ class Plan:
     quick: bool = False
 
     def __post_init__(self):
-        if not self.seeds or len(set(self.seeds)) < len(self.seeds):
-            raise TutorialError(f"seeds {list(self.seeds)}: expected one or more, each once")
-        if self.budget.length % 4:
-            raise TutorialError(f"windows of {self.budget.length} frames: expected a multiple of 4, the pooling's")
+        check_each_once(seeds=self.seeds)
+        check_pooled(self.budget.length)
 
     @property
     def data(self) -> tuple[str, ...]:
