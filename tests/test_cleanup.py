@@ -207,12 +207,27 @@ def test_feet_stand_bones_are_rigid_and_nothing_jumps(spoilt):
         assert ((bend[0] * bend[1]).sum(1) > 0).all()  # knees bend their own way
 
 
+def test_heels_stand_as_well_as_toes(spoilt):
+    """As far as feet slide in a step, of real walkers 1.5 to 2.5 cm: heels that roll off are a part of it."""
+    feet = metrics.foot_joints(spoilt.skeleton)
+    before, after = (metrics.foot_slide(x.positions, feet, FPS) for x in (grounded(spoilt), clean_up(spoilt)))
+    assert before > 6 and after < 1.2, (before, after)
+
+
+def test_who_turns_on_the_ball_of_a_foot_still_does():
+    motion = data.load("samples/dancing")[0][:300].on_ground()
+    leg = legs(motion.skeleton)[1]
+    heels = [(m.positions[:, leg.ankle] - m.positions[:, leg.toe])[[184, 192]] for m in (motion, clean_up(motion))]
+    turned, still = (np.linalg.norm((heel[1] - heel[0])[[0, 2]]) for heel in heels)
+    assert turned > 0.15 and abs(still - turned) < 0.03, (turned, still)
+
+
 @pytest.mark.parametrize("name", ["walking", "dancing", "boxing"])
 def test_good_motion_changes_little(name):
     motion = data.load(f"samples/{name}")[1][:300].on_ground()
     clean = clean_up(motion)
     moved = np.linalg.norm(clean.positions - motion.positions, axis=-1)
-    assert moved.mean() < 0.015 and moved.max() < 0.16, (moved.mean(), moved.max())
+    assert moved.mean() < 0.01 and moved.max() < 0.1, (moved.mean(), moved.max())
     assert jerk(clean) < 1.4 * jerk(motion)
     upper = motion.skeleton.index("Head")  # the trunk only goes down where a leg is too short
     np.testing.assert_allclose((clean.positions - motion.positions)[:, upper, [0, 2]], 0, atol=1e-9)

@@ -7,7 +7,8 @@ is, one after the other,
 1. :func:`rigid`: every bone brought to the skeleton's length, from the root outwards, where it points kept;
 2. :func:`grounded`: a ground that drifts, for heights are added up from displacements, brought back to y = 0;
 3. :func:`contact_stretches`: when each heel and toe stands on the ground;
-4. :func:`planted`: each stretch pinned to one place, and the legs solved again to reach it.
+4. :func:`planted`: each stretch pinned to one place, and the legs solved again to reach it;
+5. 3 and 4 once more: a foot that slid shows only now how long it stands.
 
 The result has rotations, and positions that follow from them by forward kinematics.
 """
@@ -28,9 +29,11 @@ from .motion.rotations import quat_between, quat_inv, quat_mul, quat_rotate
 from .motion.skeleton import Skeleton
 from .motion.skeletons import common_indices
 
+PASSES = 2  # of finding contacts and planting feet
 BLEND = 0.25  # seconds in which a foot comes to its place on the ground and leaves it
 SHORTEST = 0.1  # seconds; a shorter touch is no contact, a shorter gap no lift
 FARTHEST = 0.25  # metres; a foot that glides farther in one contact is given a new place
+SWIVEL = 0.05  # metres; a heel that goes farther about its toe in one contact turns on purpose
 LOW = 0.05  # metres above where it stands, below which a foot is not lifted to step on
 GROUND_SECONDS = 1.0  # what rises and comes down within it is a jump and no drift
 STRETCHED = 0.998  # of a leg's length: the farthest that a knee is straightened beyond what the motion has
@@ -66,12 +69,11 @@ def legs(skeleton: Skeleton) -> tuple[Leg, Leg]:
     return both
 
 
-def clean_up(motion: Motion, *, level: bool = True, bridge: float = 0.0, blend: float = BLEND) -> Motion:
+def clean_up(motion: Motion, *, level: bool = True, bridge: float = 0.0) -> Motion:
     """``motion`` with rigid bones and planted feet, in the steps that stand at the top of this module.
 
     level: whether to bring a drifting ground back to y = 0; without, the ground is y = 0 already.
-    bridge: seconds, of :func:`contact_stretches`: for a walker, who lifts a foot to step on. blend: seconds, of
-        :func:`planted`.
+    bridge: seconds, of :func:`contact_stretches`: for a walker, who lifts a foot to step on.
     Returns a motion of the same frames, rate, skeleton and name, with rotations.
     Raises ``MotionError`` for a skeleton whose legs are not known.
     """
@@ -80,7 +82,9 @@ def clean_up(motion: Motion, *, level: bool = True, bridge: float = 0.0, blend: 
     if level:
         motion = grounded(motion)
     feet = [node for leg in both for node in (leg.ankle, leg.toe)]
-    return planted(motion, dict(zip(feet, contact_stretches(motion, feet, bridge), strict=True)), blend)
+    for _ in range(PASSES):
+        motion = planted(motion, dict(zip(feet, contact_stretches(motion, feet, bridge), strict=True)))
+    return motion
 
 
 # -- bones -------------------------------------------------------------------------------------------------
@@ -217,15 +221,16 @@ def _split(along: np.ndarray, first: int, last: int, between: int) -> list[tuple
 # -- feet --------------------------------------------------------------------------------------------------
 
 
-def planted(motion: Motion, stretches: dict[int, list[tuple[int, int]]], blend: float = BLEND) -> Motion:
+def planted(motion: Motion, stretches: dict[int, list[tuple[int, int]]]) -> Motion:
     """Feet pinned to the ground where they stand, and the legs solved to reach them.
 
     stretches: for each ankle and toe of :func:`legs`, from :func:`contact_stretches`. motion: with rotations.
 
     Throughout a stretch its node stands at the stretch's median place on the ground; up and down the stretch is shifted
     as a whole to the node's standing height, for a heel may roll off. Before and after, the correction fades within
-    ``blend`` seconds as a cubic that begins with the speed of a foot that stands, so that neither place nor speed
-    jumps. The foot is moved as a whole: by its toe where that stands, else by its ankle.
+    ``BLEND`` seconds, so that no place jumps; the foot stops and starts as suddenly as a contact begins and ends. The
+    foot is moved as a whole, by its toe where that stands, else by its ankle; where both stand it is turned about the
+    toe until the ankle stands too.
     The root is lowered, smoothly and by as little as is needed, where a leg would be too short. Each leg is then
     solved by two-bone inverse kinematics (law of cosines): the knee stays in the plane in which it bends.
     Raises ``MotionError`` for a motion without rotations.
@@ -233,7 +238,7 @@ def planted(motion: Motion, stretches: dict[int, list[tuple[int, int]]], blend: 
     if motion.rotations is None:
         raise MotionError(f"motion {motion.name!r} has positions alone: its legs are turned, so make it rigid first")
     both, positions = legs(motion.skeleton), motion.positions
-    goals = [_foot_goals(motion, leg, stretches, blend) for leg in both]  # of ankle and toe, (T, 3) each
+    goals = [_foot_goals(motion, leg, stretches) for leg in both]  # of ankle and toe, (T, 3) each
     lower = np.zeros(len(motion))
     limits = []
     for leg, (ankle, _) in zip(both, goals, strict=True):
@@ -253,27 +258,40 @@ def planted(motion: Motion, stretches: dict[int, list[tuple[int, int]]], blend: 
     return Motion.from_rotations(motion.skeleton, motion.fps, root, rotations, name=motion.name)
 
 
-def _foot_goals(
-    motion: Motion, leg: Leg, stretches: dict[int, list[tuple[int, int]]], blend: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where ankle and toe shall be, ``(T, 3)`` each: the foot is moved as a whole and keeps how it is turned."""
+def _foot_goals(motion: Motion, leg: Leg, stretches: dict[int, list[tuple[int, int]]]) -> tuple[np.ndarray, np.ndarray]:
+    """Where ankle and toe shall be, ``(T, 3)`` each, as far from each other as they are.
+
+    The toe goes where its own contact says, or else along with the ankle. The foot is turned about it so that an ankle
+    in contact stands still as well, but for who turns on the ball of a foot.
+    """
     ankle, toe = motion.positions[:, leg.ankle], motion.positions[:, leg.toe]
-    by_ankle, _ = _pull(motion, leg.ankle, stretches[leg.ankle], blend)
-    by_toe, held = _pull(motion, leg.toe, stretches[leg.toe], blend)
-    move = by_toe + (1 - held) * by_ankle
-    move[:, 1] += np.maximum(_sunk(ankle[:, 1] + move[:, 1]), _sunk(toe[:, 1] + move[:, 1]))
-    return ankle + move, toe + move
+    still = [part for part in stretches[leg.ankle] if _turned((ankle - toe)[part[0] : part[1] + 1]) < SWIVEL]
+    by_ankle, _ = _pull(motion, leg.ankle, stretches[leg.ankle])
+    by_toe, toe_held = _pull(motion, leg.toe, stretches[leg.toe])
+    _, heel_held = _pull(motion, leg.ankle, still)
+    move = by_toe + (1 - toe_held) * by_ankle
+    heel = ankle - toe + heel_held * (by_ankle - move)  # from the toe
+    new_toe = toe + move
+    new_ankle = new_toe + _norm(ankle - toe)[:, None] * _unit(heel)
+    up = np.array([0.0, 1.0, 0.0])
+    lift = np.maximum(_sunk(new_ankle[:, 1]), _sunk(new_toe[:, 1]))[:, None] * up
+    return new_ankle + lift, new_toe + lift
 
 
-def _pull(motion: Motion, node: int, stretches: list[tuple[int, int]], seconds: float) -> tuple[np.ndarray, np.ndarray]:
+def _turned(heel: np.ndarray) -> float:
+    """How far a heel goes about the toe, ``(T, 3)`` from it: metres along the ground, from its median place."""
+    along = heel[:, [0, 2]]
+    return float(_norm(along - np.median(along, axis=0)).max())
+
+
+def _pull(motion: Motion, node: int, stretches: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
     """What a node must be moved by ``(T, 3)``, and how firmly it is held ``(T, 1)``, 1 in contact and 0 far from it."""
     x = motion.positions[:, node]
     pull, held = np.zeros_like(x), np.zeros((len(x), 1))
     if not stretches:
         return pull, held
     height = float(metrics.standing_heights(motion.positions, [node])[0])
-    blend = max(1, round(seconds * motion.fps))
-    speed = np.gradient(x, axis=0) * np.array([1.0, 0.0, 1.0])
+    blend = max(1, round(BLEND * motion.fps))
     for k, (first, last) in enumerate(stretches):
         inside = slice(first, last + 1)
         pull[inside] = np.median(x[inside], axis=0) - x[inside]
@@ -288,15 +306,14 @@ def _pull(motion: Motion, node: int, stretches: list[tuple[int, int]], seconds: 
             at = at[(at >= 0) & (at < len(x))]
             if len(at):
                 t = np.abs(at - edge)[:, None] / frames
-                leaving = way * speed[edge]  # metres a frame, which are taken back at first
-                pull[at] += _hermite(t, pull[edge], -leaving * frames)
-                held[at] = np.maximum(held[at], _hermite(t, np.ones(1), np.zeros(1)))
+                pull[at] += _fading(t) * pull[edge]
+                held[at] = np.maximum(held[at], _fading(t))
     return pull, held
 
 
-def _hermite(t: np.ndarray, value: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """The cubic with this value and slope at t = 0, and value and slope zero at t = 1."""
-    return (1 - t) ** 2 * ((1 + 2 * t) * value + t * slope)
+def _fading(t: np.ndarray) -> np.ndarray:
+    """From 1 at t = 0 to 0 at t = 1, level at both ends."""
+    return (1 - t) ** 2 * (1 + 2 * t)
 
 
 def _sunk(height: np.ndarray) -> np.ndarray:

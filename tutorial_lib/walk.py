@@ -23,7 +23,6 @@ from .training.checkpoints import Checkpoint
 from .training.progress import Progress
 
 BRIDGE = 0.3  # s; a walker's foot is in the air for longer
-BLEND = 0.15  # s in which a planted foot comes and goes; longer ones drag it along the ground before and after
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,7 +84,7 @@ def walk(
 
 def planted_feet(motion: Motion) -> Motion:
     """A walker cleaned up: :func:`~tutorial_lib.cleanup.clean_up` for somebody who lifts a foot to step on."""
-    return clean_up(motion, level=False, bridge=BRIDGE, blend=BLEND)
+    return clean_up(motion, level=False, bridge=BRIDGE)
 
 
 def plan_walk(
