@@ -272,7 +272,10 @@ def _foot_goals(motion: Motion, leg: Leg, stretches: dict[int, list[tuple[int, i
     move = by_toe + (1 - toe_held) * by_ankle
     heel = ankle - toe + heel_held * (by_ankle - move)  # from the toe
     new_toe = toe + move
-    new_ankle = new_toe + _norm(ankle - toe)[:, None] * _unit(heel)
+    rise, length = heel[:, 1], _norm(ankle - toe)
+    along = np.sqrt(np.maximum(length**2 - rise**2, 0.0))  # a heel stands as high as it did
+    heel[:, [0, 2]] = along[:, None] * _unit(heel[:, [0, 2]])
+    new_ankle = new_toe + heel
     up = np.array([0.0, 1.0, 0.0])
     lift = np.maximum(_sunk(new_ankle[:, 1]), _sunk(new_toe[:, 1]))[:, None] * up
     return new_ankle + lift, new_toe + lift
