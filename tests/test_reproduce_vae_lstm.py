@@ -267,7 +267,7 @@ def test_steps_are_those_of_the_windows(made, truth):
 def test_rates_are_chosen_on_clips_that_are_neither_trained_on_nor_tested(tmp_path, monkeypatch):
     monkeypatch.setattr(vae_lstm, "RATES_TRIED", (1e-9, 5e-3))
     monkeypatch.setattr(vae_lstm, "SYSTEMS", {name: SYSTEMS[name] for name in ("lstm", VAE)})
-    plan = Plan(samples=True, **{**QUICK, "budget": dataclasses.replace(QUICK["budget"], steps=60)})
+    plan = Plan(samples=True, **{**QUICK, "budget": dataclasses.replace(QUICK["budget"], steps=15)})
     chosen, record = vae_lstm.tune(plan, tmp_path, jobs=1, tell=lambda line: None)
     assert record["steps"] == {"lstm": 30, VAE: 15} and set(record["chosen"]) == {"lstm", VAE}
     for system in record["chosen"]:

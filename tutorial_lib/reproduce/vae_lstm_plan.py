@@ -40,8 +40,7 @@ SYSTEMS = {
     VAE: SystemRow("VAE-LSTM", "vae-lstm"),
 }
 BASELINES = tuple(name for name in SYSTEMS if name != VAE)
-RATES_TRIED = (2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2, 3.2e-2)
-TUNING = 4  # of a run's steps, the part that is trained to choose a learning rate
+RATES_TRIED = (1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2, 3.2e-2, 6.4e-2)
 
 
 @dataclasses.dataclass(frozen=True)
