@@ -16,7 +16,7 @@ PACKAGE = pathlib.Path(tutorial_lib.__file__).parent
 
 # Each room stands on the ones before it; rooms of one floor do not know each other.
 FLOORS = (
-    {"errors", "atomic"},
+    {"errors", "atomic", "threads"},
     {"motion"},
     {"representations", "metrics", "diversity"},
     {"models"},

@@ -24,6 +24,7 @@ from tutorial_lib.reproduce import acrnn, grid
 from tutorial_lib.reproduce.acrnn_plan import QUICK, STYLES, SYSTEMS, Plan, label
 from tutorial_lib.reproduce.failures import RULES, Truth, failures
 from tutorial_lib.reproduce.published import ACRNN_TABLE_1, ACRNN_TABLE_2
+from tutorial_lib.threads import torch_threads
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header
 
 TINY = Recipe("aclstm", ("samples/boxing",), hidden=8, batch=2, length=12, steps=6)
@@ -270,7 +271,7 @@ def test_a_run_that_was_stopped_ends_in_the_same_weights(tmp_path):
         if step == 3:
             raise grid.Stopped
 
-    with grid.one_thread():
+    with torch_threads(1):
         with pytest.raises(grid.Stopped):
             grid.train(run, tmp_path / "one", stop_at_three)
         assert heard == [("a/b", 1), ("a/b", 2), ("a/b", 3)]

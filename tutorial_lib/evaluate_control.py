@@ -17,6 +17,7 @@ from .generate import prepare_for
 from .generate_control import generate_control_features, generate_from_control
 from .motion.clip import Motion
 from .motion.ground import PREPARED
+from .threads import torch_threads
 from .training.checkpoints import Checkpoint
 from .walk import gait_to_walk, plan_walk, planted_feet, walk
 
@@ -149,19 +150,20 @@ def _mean(values: Sequence[float]) -> float:
 def cost(checkpoint: Checkpoint, count: int, seconds: float = SECONDS, repeats: int = 5) -> float:
     """Milliseconds of CPU time in which ``count`` people are moved for a second: control to positions in the world.
 
-    With the threads that torch has; the median of some runs of ``seconds`` of motion, after a first one that is not
-    counted. With the paper's sizes a second of one person takes ten million multiplications, 6.5 in the decoder and 3
-    in the control encoder, so that a crowd costs what arithmetic costs, each as much as the other; one person alone
-    costs two or three times that, of calls.
+    With one thread; the median of some runs of ``seconds`` of motion, after a first one that is not counted. With the
+    paper's sizes a second of one person takes ten million multiplications, 6.5 in the decoder and 3 in the control
+    encoder, so that a crowd costs what arithmetic costs, each as much as the other; one person alone costs two or
+    three times that, of calls.
     """
     fps = checkpoint.representation.fps
     planned = plan_walk(checkpoint, np.array([[0.0, 0.0], [0.0, 1.3 * seconds]]), 1.3, count=count)
     control = planned.control[:, : round(seconds * fps)]
     spent = []
-    for _ in range(repeats + 1):
-        start = time.process_time()
-        generate_from_control(checkpoint, control, codes="held", place=planned.start, heading=planned.heading)
-        spent.append(1000 * (time.process_time() - start) * fps / control.shape[1])
+    with torch_threads(1):
+        for _ in range(repeats + 1):
+            start = time.process_time()
+            generate_from_control(checkpoint, control, codes="held", place=planned.start, heading=planned.heading)
+            spent.append(1000 * (time.process_time() - start) * fps / control.shape[1])
     return float(np.median(spent[1:]))
 
 

@@ -23,13 +23,14 @@ from ..evaluate import roll_out
 from ..metrics import divergence_time
 from ..motion.clip import Motion
 from ..representations import representation_from_config
+from ..threads import torch_threads
 from ..training.checkpoints import load_checkpoint
 from ..view.explorer import Cell, Explorer, explorer
 from ..view.strip import pose_strip
 from .acrnn_plan import DANCE, SYSTEMS, Plan, Protocol
 from .acrnn_tables import RESULT, motion_change, pairs, true_change
 from .failures import DIVERGENCE
-from .grid import Run, clips_for, one_thread
+from .grid import Run, clips_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,7 +76,7 @@ def examples(
 
 
 def _made(run: Run, folder: pathlib.Path, protocol: Protocol):
-    with one_thread():
+    with torch_threads(1):
         return roll_out(load_checkpoint(run.path(folder)), clips_for(run.recipe)[0][1], count=protocol.seeds,
                         frames=protocol.frames, seed_frames=protocol.seed_frames)  # fmt: skip
 

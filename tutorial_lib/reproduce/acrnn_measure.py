@@ -17,10 +17,11 @@ from ..evaluate import flaws, roll_out, unseen
 from ..generate import choose_windows, generate_features, prepare_for
 from ..motion.clip import Motion
 from ..recipes import Recipe, recipe_in, trainer_for
+from ..threads import torch_threads
 from ..training.checkpoints import Checkpoint, load_checkpoint, read_header
 from .acrnn_plan import LONG_RUNS, Protocol
 from .failures import Truth, failures
-from .grid import Clips, Report, Run, clips_for, one_thread, train, trained_with
+from .grid import Clips, Report, Run, clips_for, train, trained_with
 from .results import rounded
 
 
@@ -147,7 +148,7 @@ def seconds_of_measuring(recipe: Recipe, sets: Clips, protocol: Protocol) -> flo
     checkpoint = Checkpoint(recipe.system, trainer.model.eval(), representation, trainer.batches.normalizer, {}, {})
     train_clips, test_clips = sets[0]
     short = dataclasses.replace(protocol, frames=min(protocol.frames, 100))
-    with one_thread():
+    with torch_threads(1):
         start = time.monotonic()
         truth = Truth.of(train_clips, test_clips, representation)
         fixed = time.monotonic()

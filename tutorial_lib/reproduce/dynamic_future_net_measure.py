@@ -24,6 +24,7 @@ from ..models.dynamic_future_net import STAGES
 from ..motion.clip import Motion, settled_positions
 from ..recipes import Recipe, recipe_in, trainer_for
 from ..representations import BodyFrame, Representation
+from ..threads import torch_threads
 from ..training.checkpoints import Checkpoint, load_checkpoint, read_header
 from .dynamic_future_net_fan import (
     Clips,
@@ -38,7 +39,7 @@ from .dynamic_future_net_fan import (
 )
 from .dynamic_future_net_plan import NETWORKS, SHIPPED, Network, Plan, Protocol, name_of, sets_for
 from .failures import Truth, failures
-from .grid import Report, Run, clips_for, one_thread, train, trained_with
+from .grid import Report, Run, clips_for, train, trained_with
 from .results import rounded, write_result
 
 DATA_WINDOWS = 4000  # of the training clips, in which a copy is looked for
@@ -267,7 +268,7 @@ def seconds_of_measuring(run: Run, folder: pathlib.Path, plan: Plan) -> float:
     trainer.model.stages_done.fill_(len(STAGES))
     checkpoint = Checkpoint(run.recipe.system, trainer.model.eval(), trainer.batches.representation, None, {}, {})
     count, frames = min(256, protocol.fan), min(16, protocol.fan_frames)
-    with one_thread():
+    with torch_threads(1):
         start = time.monotonic()
         generate_futures(checkpoint, frames, count=count)
         each = (time.monotonic() - start) / (count * frames)

@@ -19,9 +19,10 @@ from ..data.catalog import DATA
 from ..errors import CheckpointError, DataError, TutorialError
 from ..motion.clip import Motion
 from ..recipes import Recipe, differences, recipe_in, sets_of, trainer_for
+from ..threads import torch_threads
 from ..training.checkpoints import Checkpoint, read_header
 from ..training.trainer import Trainer, TrainingError
-from .spread import Report, Stopped, one_thread
+from .spread import Report, Stopped
 from .spread import side_by_side as side_by_side
 
 Clips = Sequence[tuple[list[Motion], list[Motion]]]  # what recipes.sets_of gives
@@ -142,7 +143,7 @@ def train(run: Run, folder: str | os.PathLike, report: Report, sets: Clips | Non
 def seconds_a_step(recipe: Recipe, sets: Clips, trial: float = 0.6) -> float:
     """How long a training step of a recipe takes here and now with one thread, tried for ``trial`` seconds."""
     trainer = trainer_for(dataclasses.replace(recipe, steps=100_000), sets=sets)
-    with one_thread():
+    with torch_threads(1):
         trainer.run(progress=False, live_plot=False, max_seconds=0)  # the first step is slow
         start, first = time.monotonic(), trainer.step
         while trainer.step < first + 3 or time.monotonic() - start < trial:

@@ -19,9 +19,10 @@ from ..motion.skeleton import Skeleton
 from ..pretrained import publish
 from ..recipes import Recipe, trainer_for
 from ..representations import Representation, make_representation
+from ..threads import torch_threads
 from ..training.checkpoints import Checkpoint, load_checkpoint
 from .failures import Truth, failures
-from .grid import Clips, Report, Run, clips_for, one_thread, train, trained_with
+from .grid import Clips, Report, Run, clips_for, train, trained_with
 from .results import rounded
 from .side_by_side_plan import SYSTEMS, Protocol, name_of
 from .side_by_side_rollouts import control_for, follows_control, go_on, windows_of
@@ -239,7 +240,7 @@ def seconds_of_measuring(recipe: Recipe, sets: Clips, protocol: Protocol) -> flo
                             trainer.batches.normalizer, {}, {})  # fmt: skip
     train_clips, test_clips = ([m for part in sets for m in part[k]] for k in (0, 1))
     short = dataclasses.replace(protocol, frames=min(protocol.frames, 90), futures=2, timed=10, paths=())
-    with one_thread():
+    with torch_threads(1):
         start = time.monotonic()
         truth = Truth.of(train_clips, test_clips, _common(train_clips[0].skeleton, recipe.fps))
         split_of(train_clips, test_clips, truth, short, recipe.fps)

@@ -25,26 +25,14 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-import torch
-
 from ..errors import TutorialError
+from ..threads import torch_threads
 
 Report = Callable[[str, int], None]  # a run's name and the steps that it has done; raises Stopped when it is to stop
 
 
 class Stopped(KeyboardInterrupt):
     """Work that was told to stop, by Ctrl-C or because another run failed; what was done is saved."""
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Torch computes with one thread inside the block, so that a result does not depend on the number of cores."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def side_by_side(
@@ -75,7 +63,7 @@ def side_by_side(
 
     heard = heard or (lambda name, step: None)
     if jobs == 1 or len(tasks) <= 1:
-        with one_thread():
+        with torch_threads(1):
             return [function(*task, heard) for task in tasks]
     if folder is not None:
         pathlib.Path(folder).mkdir(parents=True, exist_ok=True)
@@ -240,7 +228,7 @@ def _work(function: Callable[..., Any], task: tuple, number: int, board: _Board,
                 )
             if board.stopped:
                 raise Stopped
-            with one_thread():
+            with torch_threads(1):
                 result = function(*task, report)
             if unsaid is not None:
                 board.say(number, *unsaid)

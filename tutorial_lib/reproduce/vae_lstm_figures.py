@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..clip_errors import PAPER_FPS, frames_in_clip
+from ..threads import torch_threads
 from ..training.checkpoints import load_checkpoint
 from ..view.plots import curve_plot
 from ..view.strip import pose_strip
-from .grid import clips_for, one_thread
+from .grid import clips_for
 from .results import Result, numbers
 from .vae_lstm_measure import GIVEN, POSTERIOR, PREDICTED, PRIOR, rollouts
 from .vae_lstm_plan import SYSTEMS, VAE, Plan
@@ -38,7 +39,7 @@ def figure_3(result: Result, plan: Plan, folder: pathlib.Path) -> Figure | None:
             continue
         way = POSTERIOR if name == VAE else PREDICTED
         clips = [motion for _, test in clips_for(runs[name].recipe) for motion in test]
-        with one_thread():
+        with torch_threads(1):
             made = rollouts(load_checkpoint(runs[name].path(folder)), clips, plan.protocol, (way,))[way]
         middle = len(made.made) // 2
         if not found:

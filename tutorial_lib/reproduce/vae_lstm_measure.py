@@ -20,9 +20,10 @@ from ..generate_control import features_from_code, generate_control_features, po
 from ..motion.clip import Motion, settled_positions
 from ..recipes import Recipe, trainer_for
 from ..representations import Representation
+from ..threads import torch_threads
 from ..training.checkpoints import Checkpoint, load_checkpoint
 from .cost import validated
-from .grid import Clips, Report, Run, clips_for, one_thread, train, trained_with
+from .grid import Clips, Report, Run, clips_for, train, trained_with
 from .results import rounded
 from .vae_lstm_beyond import beyond
 from .vae_lstm_plan import SYSTEMS, VAE, Protocol, name_of
@@ -213,7 +214,7 @@ def seconds_of_measuring(recipe: Recipe, sets: Clips, protocol: Protocol) -> flo
                             trainer.batches.normalizer, {}, {}, sway=trainer.sway)  # fmt: skip
     train_clips, test_clips = ([motion for part in sets for motion in part[k]] for k in (0, 1))
     short = dataclasses.replace(protocol, clips=min(protocol.clips, 3), samples=8, pairs=2, paths=protocol.paths[:1])
-    with one_thread():
+    with torch_threads(1):
         start = time.monotonic()
         measure(checkpoint, test_clips, short)
         split_of(checkpoint, train_clips, test_clips, short)

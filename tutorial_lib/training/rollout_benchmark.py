@@ -7,7 +7,6 @@ first. Both train the same network with the same optimiser. Told are medians and
 
 from __future__ import annotations
 
-import contextlib
 import statistics
 import time
 from collections.abc import Callable, Iterator
@@ -17,6 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from ..models.recurrent import LSTM3LR
+from ..threads import torch_threads
 from .conditioning import auto_conditioning
 from .rollout import LSTMStream, rollout
 from .systems import global_seed, make_system
@@ -133,14 +133,14 @@ def report(hidden: int, *, threads: int = 2, repeats: int = 9) -> Iterator[str]:
 
     Training is with ``hidden`` cells a layer, synthesis always the paper's three layers of 1024, batch 1.
     """
-    with _threads(threads), global_seed(0):
+    with torch_threads(threads), global_seed(0):
         yield f"{threads} threads, torch {torch.__version__}; 171 numbers a frame, three layers, median of {repeats}"
         training = time_training(hidden, repeats=repeats)
     yield (
         f"training step, {hidden} cells, 100 frames, 32 sequences, u = v = 5: "
         f"plain loop {training.plain:.3f} s, rollout {training.fast:.3f} s"
     )
-    with _threads(threads), global_seed(0):
+    with torch_threads(threads), global_seed(0):
         synthesis = time_synthesis(repeats=repeats)
     yield (
         f"synthesis, 1024 cells, one sequence: "
@@ -158,13 +158,3 @@ def _by_turns(plain: Callable[[], None], fast: Callable[[], None], repeats: int)
             if turn > 0:  # the first warms up
                 times.append(time.perf_counter() - start)
     return Timing(*(statistics.median(times) for times in seconds))
-
-
-@contextlib.contextmanager
-def _threads(count: int) -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
