@@ -71,7 +71,7 @@ NETWORKS = {
 class Budget:
     """What all networks have alike; a joint one, with four times the data, has twice the steps."""
 
-    steps: int = 800
+    steps: int = 2400
     hidden: int = 128
     batch: int = 16
     length: int = 40

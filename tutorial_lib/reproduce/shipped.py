@@ -22,6 +22,7 @@ PAPERS = {
 SHORT: tuple[tuple[str, str, Sequence[str], Sequence[str]], ...] = (
     ("acrnn", "table 1", ("LSTM-3LR", "acLSTM-3LR", "sch. smp."), ("80 ms", "320 ms", "640 ms")),
     ("vae-lstm", "table 2", ("ERD", "LSTM-3LR", "VAE-LSTM"), ("frame 70", "frame 120", "frame 210")),
+    ("dynamic-future-net", "ablations", (), ("apart 32", "apart 128", "ratio", "fail %", "kinds of change")),
     (
         "side-by-side", "side by side", (),
         ("320 ms, cm", "moves, %", "stops, %", "leaves, %", "feet, cm", "bones, %", "futures, cm", "ms a frame"),
