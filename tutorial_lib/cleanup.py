@@ -33,6 +33,7 @@ PASSES = 2  # of finding contacts and planting feet
 BLEND = 0.25  # seconds in which a foot comes to its place on the ground and leaves it
 SHORTEST = 0.1  # seconds; a shorter touch is no contact, a shorter gap no lift
 FARTHEST = 0.25  # metres; a foot that glides farther in one contact is given a new place
+ROLL = 0.01  # metres above where it stands, from which on a heel rolls off
 SWIVEL = 0.05  # metres; a heel that goes farther about its toe in one contact turns on purpose
 LOW = 0.05  # metres above where it stands, below which a foot is not lifted to step on
 GROUND_SECONDS = 1.0  # what rises and comes down within it is a jump and no drift
@@ -229,8 +230,8 @@ def planted(motion: Motion, stretches: dict[int, list[tuple[int, int]]]) -> Moti
     Throughout a stretch its node stands at the stretch's median place on the ground; up and down the stretch is shifted
     as a whole to the node's standing height, for a heel may roll off. Before and after, the correction fades within
     ``BLEND`` seconds, so that no place jumps; the foot stops and starts as suddenly as a contact begins and ends. The
-    foot is moved as a whole, by its toe where that stands, else by its ankle; where both stand it is turned about the
-    toe until the ankle stands too.
+    foot is moved as a whole, by its toe where that stands, else by its ankle; where both stand and the heel is not yet
+    ``ROLL`` above the ground, it is held as it is turned in the median.
     The root is lowered, smoothly and by as little as is needed, where a leg would be too short. Each leg is then
     solved by two-bone inverse kinematics (law of cosines): the knee stays in the plane in which it bends.
     Raises ``MotionError`` for a motion without rotations.
@@ -261,45 +262,57 @@ def planted(motion: Motion, stretches: dict[int, list[tuple[int, int]]]) -> Moti
 def _foot_goals(motion: Motion, leg: Leg, stretches: dict[int, list[tuple[int, int]]]) -> tuple[np.ndarray, np.ndarray]:
     """Where ankle and toe shall be, ``(T, 3)`` each, as far from each other as they are.
 
-    The toe goes where its own contact says, or else along with the ankle. The foot is turned about it so that an ankle
-    in contact stands still as well, but for who turns on the ball of a foot.
+    The toe goes where its own contact says, or else along with the ankle. As long as both stand, and until the heel
+    rolls off, the foot is one solid thing; but not of who turns on the ball of a foot.
     """
     ankle, toe = motion.positions[:, leg.ankle], motion.positions[:, leg.toe]
-    still = [part for part in stretches[leg.ankle] if _turned((ankle - toe)[part[0] : part[1] + 1]) < SWIVEL]
-    by_ankle, _ = _pull(motion, leg.ankle, stretches[leg.ankle])
-    by_toe, toe_held = _pull(motion, leg.toe, stretches[leg.toe])
-    _, heel_held = _pull(motion, leg.ankle, still)
-    move = by_toe + (1 - toe_held) * by_ankle
-    heel = ankle - toe + heel_held * (by_ankle - move)  # from the toe
-    new_toe = toe + move
-    rise, length = heel[:, 1], _norm(ankle - toe)
-    along = np.sqrt(np.maximum(length**2 - rise**2, 0.0))  # a heel stands as high as it did
-    heel[:, [0, 2]] = along[:, None] * _unit(heel[:, [0, 2]])
-    new_ankle = new_toe + heel
+    by_ankle, _ = _pull(ankle, stretches[leg.ankle], motion.fps, _standing(motion, leg.ankle))
+    by_toe, held = _pull(toe, stretches[leg.toe], motion.fps, _standing(motion, leg.toe))
+    heel, rise = ankle - toe, ankle[:, 1] - _standing(motion, leg.ankle)
+    flat = _on(stretches[leg.ankle], len(motion)) & _on(stretches[leg.toe], len(motion)) & (rise < ROLL)
+    solid = [part for part in _runs(flat) if _turned(heel, *part) < SWIVEL]
+    by_heel, _ = _pull(heel, solid, motion.fps)
+    new_toe = toe + by_toe + (1 - held) * by_ankle
+    new_ankle = new_toe + _norm(heel)[:, None] * _unit(heel + by_heel)
     up = np.array([0.0, 1.0, 0.0])
     lift = np.maximum(_sunk(new_ankle[:, 1]), _sunk(new_toe[:, 1]))[:, None] * up
     return new_ankle + lift, new_toe + lift
 
 
-def _turned(heel: np.ndarray) -> float:
+def _standing(motion: Motion, node: int) -> float:
+    return float(metrics.standing_heights(motion.positions, [node])[0])
+
+
+def _on(stretches: list[tuple[int, int]], frames: int) -> np.ndarray:
+    """Which frames are in one of them: booleans ``(T,)``."""
+    on = np.zeros(frames, bool)
+    for first, last in stretches:
+        on[first : last + 1] = True
+    return on
+
+
+def _turned(heel: np.ndarray, first: int, last: int) -> float:
     """How far a heel goes about the toe, ``(T, 3)`` from it: metres along the ground, from its median place."""
-    along = heel[:, [0, 2]]
+    along = heel[first : last + 1, [0, 2]]
     return float(_norm(along - np.median(along, axis=0)).max())
 
 
-def _pull(motion: Motion, node: int, stretches: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
-    """What a node must be moved by ``(T, 3)``, and how firmly it is held ``(T, 1)``, 1 in contact and 0 far from it."""
-    x = motion.positions[:, node]
+def _pull(
+    x: np.ndarray, stretches: list[tuple[int, int]], fps: float, height: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """What a node at ``x`` ``(T, 3)`` must be moved by ``(T, 3)`` to stand still in each stretch, at its median place,
+    and how firmly it is held ``(T, 1)``, 1 in contact and 0 far from it.
+
+    height: of a node that stands. A heel rolls off while it hardly moves along: up and down it is then shifted as a
+    whole, not held flat.
+    """
     pull, held = np.zeros_like(x), np.zeros((len(x), 1))
-    if not stretches:
-        return pull, held
-    height = float(metrics.standing_heights(motion.positions, [node])[0])
-    blend = max(1, round(BLEND * motion.fps))
+    blend = max(1, round(BLEND * fps))
     for k, (first, last) in enumerate(stretches):
         inside = slice(first, last + 1)
         pull[inside] = np.median(x[inside], axis=0) - x[inside]
-        # a heel rolls off while it hardly moves along: up and down it is shifted as a whole, not held flat
-        pull[inside, 1] = height - np.quantile(x[inside, 1], 0.25)
+        if height is not None:
+            pull[inside, 1] = height - np.quantile(x[inside, 1], 0.25)
         held[inside] = 1.0
         # between two contacts near each other the one's correction ends before the other begins
         before = blend if k == 0 else min(blend, first - stretches[k - 1][1])
