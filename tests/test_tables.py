@@ -102,9 +102,16 @@ def test_the_best_is_chosen_by_what_is_written_and_ties_share_it():
         ]
         for best in ("lowest", "highest", None)
     }
-    assert stars["lowest"][2:6] == [["*0.50", "1.00"], ["*0.50", "2.00"], ["inf", "3.00"], ["–", "*-1.00"]]
-    assert stars["highest"][2:6] == [["*0.50", "1.00"], ["*0.50", "2.00"], ["inf", "*3.00"], ["–", "-1.00"]]
+    assert stars["lowest"][1:5] == [["*0.50", "1.00"], ["*0.50", "2.00"], ["inf", "3.00"], ["–", "*-1.00"]]
+    assert stars["highest"][1:5] == [["*0.50", "1.00"], ["*0.50", "2.00"], ["inf", "*3.00"], ["–", "-1.00"]]
     assert "*" not in str(error_table(COLUMNS, {"": rows}, best=None))
+
+
+def test_a_group_without_a_name_has_no_line():
+    table = error_table(["a"], {"": {"row": [1.0]}}, best=None)
+    assert str(table).split() == ["a", "row", "1.00"]
+    assert table.markdown().count("\n") == 3 and "****" not in table.markdown()
+    assert "<th colspan" not in table._repr_html_()
 
 
 def test_names_cannot_break_the_table():

@@ -29,7 +29,7 @@ def error_table(
     columns: a head for each number, ``["80 ms", "160 ms", ...]``.
     ours, paper: ``{group: {row: numbers}}``, such as ``{"Walking": {"acLSTM": [1.05, 1.77, ...]}}``; one number
         a column, None or NaN where there is none; a number as text (``"0.685"``) is kept as it is written.
-        Rows that only one of the two has are shown with what there is.
+        Rows that only one of the two has are shown with what there is. A group named ``""`` has no line of its own.
     unit: what the numbers are in, put after the caption. digits: after the point.
     best: ``"lowest"`` or ``"highest"`` of each column of a group is emphasised, among ours and among the paper's
         each for itself, ties together; None for neither.
@@ -76,7 +76,7 @@ class ErrorTable:
         """For a terminal; the best of each column has a star."""
         lines = [["", *([""] if self.compared else []), *self.columns]]
         for group, rows in self.groups.items():
-            lines.append([group])
+            lines += [[group]] if group else []
             before = None
             for row, who, numbers in rows:
                 name = "  " + row if row != before else ""
@@ -102,7 +102,7 @@ class ErrorTable:
         heads = ["", *([""] if self.compared else []), *self.columns]
         lines = []
         for group, rows in self.groups.items():
-            lines.append([f"**{group}**", *[""] * (len(heads) - 1)])
+            lines += [[f"**{group}**", *[""] * (len(heads) - 1)]] if group else []
             lines += self._rows(rows, str, lambda text: f"**{text}**")
         return markdown_table(heads, lines, right=range(len(heads) - len(self.columns), len(heads)))
 
@@ -127,7 +127,8 @@ class ErrorTable:
         span = len(self.columns) + 1 + self.compared
         body = []
         for group, rows in self.groups.items():
-            body.append(f'<tr><th colspan="{span}" align="left">{html.escape(group)}</th></tr>')
+            if group:
+                body.append(f'<tr><th colspan="{span}" align="left">{html.escape(group)}</th></tr>')
             for name, *cells in self._rows(rows, html.escape, lambda text: f"<b>{text}</b>"):
                 cells = "".join(f'<td align="right">{cell}</td>' for cell in cells)
                 body.append(f'<tr><td align="left">{name}</td>{cells}</tr>')
