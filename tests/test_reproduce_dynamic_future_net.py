@@ -218,6 +218,14 @@ def test_tables_and_findings_follow_the_numbers(made):
             assert ours is None, "not measured"
 
 
+def test_one_wild_frame_does_not_make_figure_6_small(made):
+    result = copy.deepcopy(made[2])
+    wide = np.ptp(dfn.figure_6(result).axes[0].get_xlim())
+    run = next(run for run in (result["runs"].get(name) for name in ("shipped", "joint")) if run)
+    next(iter(run["paths"]["clips"].values()))[0] = [1000.0, 0.0]
+    assert np.ptp(dfn.figure_6(result).axes[0].get_xlim()) < 2 * wide
+
+
 def test_figures_of_what_is_not_there_are_none(made):
     _, _, result = made
     without = {**result, "runs": {"dancing": result["runs"]["dancing"]}}

@@ -38,7 +38,10 @@ def _drawn(result: Result, label: str | None, latent: bool = True) -> dict | Non
 
 
 def figure_6(result: Result, label: str | None = None) -> Figure | None:
-    """The codes z of a training clip of each action, one after another, in their two main directions."""
+    """The codes z of a training clip of each action, one after another, in their two main directions.
+
+    What lies far outside is cut off: some captured clips begin with a frame or two that are no dance.
+    """
     run = _drawn(result, label)
     if run is None:
         return None
@@ -46,6 +49,7 @@ def figure_6(result: Result, label: str | None = None) -> Figure | None:
     axes = figure.subplots()
     for action, path in run["paths"]["clips"].items():
         _path(axes, numbers(path), color(action), action)
+    _show_most(axes, np.concatenate([numbers(path) for path in run["paths"]["clips"].values()]))
     figure.legend(loc="outside right center", frameon=False, fontsize=9)
     _plain(axes, "")
     figure.suptitle("Figure 6: clips in the latent space" + note(result), fontsize=9, x=0.01, ha="left")
@@ -123,6 +127,15 @@ def _panels(found) -> tuple[NotebookFigure, np.ndarray]:
 def _path(axes: Axes, path: np.ndarray, tone: str, label: str = "") -> None:
     axes.plot(*path.T, color=tone, linewidth=1, alpha=0.85, label=label or None)
     axes.plot(*path[0], marker="o", color=tone, markerfacecolor="white", markersize=5, linestyle="none", zorder=5)
+
+
+def _show_most(axes: Axes, points: np.ndarray, beyond: float = 1.0) -> None:
+    """Limits that hold the middle nine tenths of points ``(N, 2)``, and ``beyond`` times their width to both sides."""
+    low, high = np.nanquantile(points, [0.05, 0.95], axis=0)
+    inside = ((points >= low - beyond * (high - low)) & (points <= high + beyond * (high - low))).all(1)
+    least, most = points[inside].min(0), points[inside].max(0)
+    margin = 0.05 * (most - least)
+    axes.set(xlim=(least[0] - margin[0], most[0] + margin[0]), ylim=(least[1] - margin[1], most[1] + margin[1]))
 
 
 def _plain(axes: Axes, title: str) -> None:
