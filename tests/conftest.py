@@ -7,19 +7,17 @@ import pathlib
 
 import numpy as np
 import pytest
-import torch
 
 from tutorial_lib.motion import Motion, Skeleton
 from tutorial_lib.motion.rotations import quat_normalize
+from tutorial_lib.threads import torch_threads
 
 
 @pytest.fixture(scope="session", autouse=True)
 def one_thread():
     """Sums are in the same order in every process, and tests do not slow down beside other load."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+    with torch_threads(1):
+        yield
 
 
 @pytest.fixture(scope="session")

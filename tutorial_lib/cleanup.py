@@ -38,6 +38,7 @@ SWIVEL = 0.05  # metres; a heel that goes farther about its toe in one contact t
 LOW = 0.05  # metres above where it stands, below which a foot is not lifted to step on
 GROUND_SECONDS = 1.0  # what rises and comes down within it is a jump and no drift
 STRETCHED = 0.998  # of a leg's length: the farthest that a knee is straightened beyond what the motion has
+_UP = np.array([0.0, 1.0, 0.0])
 _SOFT = 0.005  # metres that a foot may sink
 _COLLAPSED = 0.5  # of a bone's length; what is shorter in a frame has lost its direction, the more the shorter it is
 
@@ -141,8 +142,7 @@ def grounded(motion: Motion, seconds: float = GROUND_SECONDS) -> Motion:
 
 
 def _raised(motion: Motion, by: np.ndarray) -> Motion:
-    up = by[:, None, None] * np.array([0.0, 1.0, 0.0])
-    return dataclasses.replace(motion, positions=motion.positions + up)
+    return dataclasses.replace(motion, positions=motion.positions + by[:, None, None] * _UP)
 
 
 def contact_stretches(motion: Motion, nodes: Sequence[int], bridge: float = 0.0) -> list[list[tuple[int, int]]]:
@@ -255,7 +255,7 @@ def planted(motion: Motion, stretches: dict[int, list[tuple[int, int]]]) -> Moti
     rotations = motion.rotations.copy()
     for leg, goal, reach in zip(both, goals, limits, strict=True):
         _solve_leg(motion.skeleton, leg, positions, world, goal, reach, lower, rotations)
-    root = positions[:, 0] + lower[:, None] * np.array([0.0, 1.0, 0.0])
+    root = positions[:, 0] + lower[:, None] * _UP
     return Motion.from_rotations(motion.skeleton, motion.fps, root, rotations, name=motion.name)
 
 
@@ -266,21 +266,17 @@ def _foot_goals(motion: Motion, leg: Leg, stretches: dict[int, list[tuple[int, i
     rolls off, the foot is one solid thing; but not of who turns on the ball of a foot.
     """
     ankle, toe = motion.positions[:, leg.ankle], motion.positions[:, leg.toe]
-    by_ankle, _ = _pull(ankle, stretches[leg.ankle], motion.fps, _standing(motion, leg.ankle))
-    by_toe, held = _pull(toe, stretches[leg.toe], motion.fps, _standing(motion, leg.toe))
-    heel, rise = ankle - toe, ankle[:, 1] - _standing(motion, leg.ankle)
-    flat = _on(stretches[leg.ankle], len(motion)) & _on(stretches[leg.toe], len(motion)) & (rise < ROLL)
+    ankle_stands, toe_stands = metrics.standing_heights(motion.positions, [leg.ankle, leg.toe])
+    by_ankle, _ = _pull(ankle, stretches[leg.ankle], motion.fps, ankle_stands)
+    by_toe, held = _pull(toe, stretches[leg.toe], motion.fps, toe_stands)
+    heel, low = ankle - toe, ankle[:, 1] < ankle_stands + ROLL
+    flat = _on(stretches[leg.ankle], len(motion)) & _on(stretches[leg.toe], len(motion)) & low
     solid = [part for part in _runs(flat) if _turned(heel, *part) < SWIVEL]
     by_heel, _ = _pull(heel, solid, motion.fps)
     new_toe = toe + by_toe + (1 - held) * by_ankle
     new_ankle = new_toe + _norm(heel)[:, None] * _unit(heel + by_heel)
-    up = np.array([0.0, 1.0, 0.0])
-    lift = np.maximum(_sunk(new_ankle[:, 1]), _sunk(new_toe[:, 1]))[:, None] * up
+    lift = np.maximum(_sunk(new_ankle[:, 1]), _sunk(new_toe[:, 1]))[:, None] * _UP
     return new_ankle + lift, new_toe + lift
-
-
-def _standing(motion: Motion, node: int) -> float:
-    return float(metrics.standing_heights(motion.positions, [node])[0])
 
 
 def _on(stretches: list[tuple[int, int]], frames: int) -> np.ndarray:
@@ -356,7 +352,7 @@ def _solve_leg(skeleton, leg, positions, world, goal, reach, lower, rotations) -
     hip = positions[:, leg.hip]
     thigh, shin = positions[:, leg.knee] - hip, positions[:, leg.ankle] - positions[:, leg.knee]
     axis = bending_axis(thigh, shin, world[:, leg.hip])
-    new_hip = hip + lower[:, None] * np.array([0.0, 1.0, 0.0])
+    new_hip = hip + lower[:, None] * _UP
     ankle, toe = goal
     knee, ankle = two_bone(new_hip, ankle, thigh, shin, axis, reach)
     # the whole leg swings from where it pointed to where it points, then each bone turns to its own place
