@@ -198,6 +198,37 @@ def test_follow_keeps_the_figure_in_the_middle(browser, walker, tmp_path):
     assert abs(where[True] - 0.5) < 0.2 and abs(where[False] - where[True]) > 0.3
 
 
+NAMES = """() => {
+  const pen = CanvasRenderingContext2D.prototype, write = pen.fillText, found = [];
+  pen.fillText = function (text, x, y) {
+    found.push([text, x, y, this.measureText(text).width]);
+    write.call(this, text, x, y);
+  };
+  const player = %s;
+  player.seek(1);
+  return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => {
+    pen.fillText = write;
+    done(found);
+  })));
+}"""
+
+
+def test_names_of_a_crowd_do_not_lie_on_one_another(browser, walker, tmp_path):
+    """Ten people on one another's heels, seen from the front: who stands in front keeps the name over the head."""
+    crowd = []
+    for k in range(10):
+        places = walker.positions + np.array([0.05 * k, 0.0, -0.5 * k])
+        crowd.append(Motion(walker.skeleton, walker.fps, places, name=f"a long name {k}"))
+    page = opened(browser, show(crowd, layout="as is"), tmp_path)
+    settle(page)
+    found = page.evaluate(NAMES % PLAYER)
+    assert sorted(name for name, *_ in found) == [motion.name for motion in crowd]
+    for k, (_, x, y, width) in enumerate(found):
+        for _, other_x, other_y, other_width in found[:k]:
+            assert abs(x - other_x) >= (width + other_width) / 2 or abs(y - other_y) >= 12
+    assert not page.errors
+
+
 def test_slider_and_seed_colour(browser, walker, tmp_path):
     page = opened(browser, show(walker, seed_frames=100), tmp_path)
     assert page.locator("output").inner_text().endswith("· seed")

@@ -309,14 +309,28 @@ export function mount(el, spec, bytes) {
     g.lineWidth = 3;
     g.strokeStyle = bg;
     g.textAlign = S.overlay ? 'left' : 'center';
+    const placed = [];
     cast.forEach(({ body, pose: p, name, tones }, i) => {
       const j = 3 * (body.head?.[1] ?? body.root), over = (body.head ? 0.2 : 0.7) * body.height;
       const eye = camera(p[j], p[j + 1] + over, p[j + 2]), [x, y] = S.overlay ? [14, 22 + 18 * i] : screen(eye);
-      if (eye[2] < NEAR) return;
-      g.strokeText(name, x, y);
-      g.fillStyle = spec.tones[tones][+dark][dark ? 1 : 2];
-      g.fillText(name, x, y);
+      const half = g.measureText(name).width / 2 + 4;
+      if (eye[2] >= NEAR) placed.push({ name, x, y, head: y, half, colour: spec.tones[tones][+dark][dark ? 1 : 2] });
     });
+    placed.sort((a, b) => b.head - a.head); // who stands in front keeps the place, others move up to where it is free
+    placed.forEach((label, n) => {
+      const met = () => placed.slice(0, S.overlay ? 0 : n).find(other =>
+        Math.abs(other.x - label.x) < other.half + label.half && Math.abs(other.y - label.y) < 15);
+      for (let other = met(); other; other = met()) label.y = other.y - 15;
+    });
+    for (const { x, y, head, colour } of placed.filter(label => label.y < label.head)) { // a thread to the head
+      g.fillStyle = colour;
+      g.fillRect(x - 0.5, y + 3, 1, head - y);
+    }
+    for (const { name, x, y, colour } of placed) {
+      g.strokeText(name, x, y);
+      g.fillStyle = colour;
+      g.fillText(name, x, y);
+    }
   }
   function draw() {
     const ratio = Math.min(2, devicePixelRatio || 1), bg = spec.scene[+dark][0];
