@@ -32,7 +32,7 @@ from tutorial_lib.reproduce.dynamic_future_net_plan import (
     name_of,
     sets_for,
 )
-from tutorial_lib.reproduce.dynamic_future_net_tables import at_times, band_share
+from tutorial_lib.reproduce.dynamic_future_net_tables import at_times, band_share, growth
 from tutorial_lib.reproduce.grid import clips_for
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header
 
@@ -212,10 +212,21 @@ def test_tables_and_findings_follow_the_numbers(made):
     for claim, ours in said.items():
         if "3 of 12" in claim and "shipped" not in claim:
             assert ours is True
-        if claim.endswith("each action alone"):
+        if "counted too" in claim:
+            assert ours is None, "8 frames are within the beginning's 20"
+        elif claim.endswith("each action alone"):
             assert ours is True, claim
         if "shipped" in claim or "Without" in claim:
             assert ours is None, "not measured"
+
+
+def test_growth_counts_from_the_fork_or_from_the_beginning():
+    """Between kept frames the distance is a straight line; the beginning's frames are before the first of them."""
+    fan = {"frames": [4, 8, 12, 16], "prefixes": {"walking": {"pairwise": [1.0, 2.0, 4.0, 8.0]}}}
+    result = {"protocol": {"at": (8, 16)}}
+    assert growth(result, {"fan": fan}, "walking") == pytest.approx(8 / 2)
+    assert growth(result, {"fan": fan}, "walking", given=2) == pytest.approx(6 / 1.5)
+    assert growth(result, {"fan": fan}, "walking", given=4) == pytest.approx(4 / 1)
 
 
 def test_one_wild_frame_does_not_make_figure_6_small(made):

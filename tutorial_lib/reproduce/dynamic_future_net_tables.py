@@ -56,6 +56,18 @@ def at_times(result: Result, run: dict[str, Any], action: str, what: str = "pair
     return numbers(values)[[fan["frames"].index(t) for t in result["protocol"]["at"]]]
 
 
+def growth(result: Result, run: dict[str, Any], action: str, *, given: int = 0) -> float:
+    """How many times as far apart futures are at the second of ``protocol.at`` as at the first.
+
+    ``given`` frames of the beginning are counted as well: 20 make of 32 and 128 frames the 12th and the 108th that a
+    network made. Between the frames that a result keeps, the distance is a straight line.
+    """
+    fan = run["fan"]
+    times = np.subtract(result["protocol"]["at"], given)
+    early, late = np.interp(times, fan["frames"], numbers(fan["prefixes"][action]["pairwise"]))
+    return float(np.divide(late, early))
+
+
 def band_share(result: Result, run: dict[str, Any], action: str, own: bool = False) -> float:
     """The band's mean at the last time against the data's: of all that the network learnt, or of the action alone."""
     fan = run["fan"]
@@ -103,7 +115,7 @@ def _diversity(result: Result) -> ErrorTable | None:
         for action, entry in run["fan"]["prefixes"].items():
             pairwise = at_times(result, run, action)
             groups.setdefault(name, {})[action] = [
-                *pairwise, pairwise[1] / pairwise[0], at_times(result, run, action, "band")[-1],
+                *pairwise, growth(result, run, action), at_times(result, run, action, "band")[-1],
                 entry["own"]["data"][0], run["fan"]["data"][0], 100 * entry["own"]["coverage"], 100 * entry["coverage"],
                 entry["seconds"],
             ]  # fmt: skip
