@@ -21,12 +21,13 @@ from tutorial_lib.generate import prepare
 from tutorial_lib.recipes import Recipe, sets_of
 from tutorial_lib.representations import make_representation
 from tutorial_lib.reproduce import acrnn, grid
-from tutorial_lib.reproduce.acrnn_plan import QUICK, STYLES, SYSTEMS, Plan, label
+from tutorial_lib.reproduce.acrnn_plan import QUICK, STYLES, SYSTEMS, WIDER, Budget, Plan, label
 from tutorial_lib.reproduce.failures import RULES, Truth, failures
 from tutorial_lib.reproduce.published import ACRNN_TABLE_1, ACRNN_TABLE_2
 from tutorial_lib.threads import torch_threads
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header
 
+WIDER_OPTIONS = ("--steps", "2000", "--hidden", "128", "--mirror")
 TINY = Recipe("aclstm", ("samples/boxing",), hidden=8, batch=2, length=12, steps=6)
 
 
@@ -210,6 +211,32 @@ def test_called_again_it_trains_nothing(made):
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.safetensors")} == before
     for name, run in again["runs"].items():
         assert run == result["runs"][name], "measured alike"
+
+
+def test_the_command_line_chooses_the_budget(tmp_path, monkeypatch):
+    seen = {}
+    monkeypatch.setattr(acrnn, "reproduce", lambda *args, **kwargs: seen.update(kwargs))
+    command = ["reproduce", "acrnn", "--data", "samples", "--runs", str(tmp_path)]
+    assert cli.main(command) == 0 and seen["budget"] == {}
+    assert cli.main([*command, *WIDER_OPTIONS]) == 0 and seen["budget"] == WIDER
+    recipe = Plan(samples=True, budget=dataclasses.replace(Budget(), **WIDER)).recipe("martial", "seq2seq")
+    assert (recipe.steps, recipe.hidden, recipe.mirror) == (2000, 128, True)
+
+
+def test_two_budgets_are_held_against_the_same_sentences(capsys):
+    """The results that come with the library: of the plan's own budget, and of the wider one."""
+    small, wide = acrnn.load_result(), acrnn.load_result(acrnn.WIDER_RESULT)
+    for result, budget in ((small, Budget()), (wide, dataclasses.replace(Budget(), **WIDER))):
+        assert {name: result["budget"].get(name, False) for name in WIDER} == {n: getattr(budget, n) for n in WIDER}
+        runs = [run["recipe"] for run in result["runs"].values()]
+        trained = {(run["steps"], run["hidden"], run.get("mirror", False)) for run in runs}
+        assert trained == {(budget.steps, budget.hidden, budget.mirror)}
+    assert [f.claim for f in acrnn.findings(small)] == [f.claim for f in acrnn.findings(wide)]
+    assert small["splits"].keys() == wide["splits"].keys()
+    for name, split in small["splits"].items():
+        assert wide["splits"][name]["test"] == split["test"], "measured on the same clips"
+    assert cli.main(["results", "acrnn-wider"]) == 0
+    assert "2000 steps, 128 cells a layer, mirrored clips too" in capsys.readouterr().out
 
 
 def test_runs_of_another_recipe_in_that_place(made, capsys):

@@ -41,6 +41,7 @@ def add(commands) -> None:
             metavar="N",
             help="of every run, instead of the paper's stand-in",
         )
+    acrnn.add_argument("--mirror", action="store_true", default=None, help="learn from every clip's mirror image too")
     acrnn.add_argument("--grid", action="store_true", help="also u and v that differ, for the explorer")
     acrnn.add_argument("--long", action="store_true", help="also samples of 18,000 frames, and of the weights shipped")
 
@@ -175,7 +176,7 @@ def _add_reproduce(paper: argparse.ArgumentParser, tunes: bool, seeded: bool) ->
 def _reproduce_acrnn(options: argparse.Namespace, _: Sequence[str]) -> None:
     from ..reproduce.acrnn import reproduce
 
-    common = _reproduction(options, "steps", "hidden", "batch", "length")
+    common = _reproduction(options, "steps", "hidden", "batch", "length", "mirror")
     reproduce(
         options.data, styles=options.styles, seeds=options.seeds, grid=options.grid, long=options.long,
         tuning=options.tune, **common,

@@ -52,10 +52,12 @@ from .acrnn_measure import measure_published, published, seconds_of_measuring, t
 from .acrnn_plan import LONG_RUNS, QUICK, RATES_TRIED, STYLES, SYSTEMS, Budget, Plan, Protocol
 from .acrnn_tables import (
     SCHEMA,
+    WIDER_RESULT,
     difference,
     error,
     figures,
     findings,
+    last_frame_error,
     load_result,
     motion_change,
     pairs,
@@ -68,12 +70,14 @@ from .results import head, tell_result, write_result
 from .sources import clips_from
 
 __all__ = [
+    "WIDER_RESULT",
     "difference",
     "error",
     "explore",
     "failure_strip",
     "figures",
     "findings",
+    "last_frame_error",
     "load_examples",
     "load_result",
     "motion_change",
@@ -113,7 +117,7 @@ def reproduce(
     jobs : how many runs are trained side by side, each in a process with one thread.
     grid : also the pairs of u and v off the diagonal. long : also samples of 18,000 frames. tuning : choose the
         learning rates first. train_missing : without, only runs that are finished are measured.
-    budget : sizes that are not the default, ``{"steps": 10000, "hidden": 256}``.
+    budget : what is not the default of :class:`~.acrnn_plan.Budget`, ``{"steps": 10000, "hidden": 256}``.
 
     Raises :class:`DataError` naming the data sets that are not at hand, ``CheckpointError`` if the folder of runs
     has a run of another recipe in the place of one of these.

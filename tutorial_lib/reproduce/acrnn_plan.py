@@ -38,10 +38,15 @@ class Budget:
     batch: int = 16
     length: int = 100
     rates: tuple[float, ...] = (20.0, 24.0, 30.0, 40.0)  # "at multiple frame-rates" (acRNN, section 3)
+    mirror: bool = False  # whether clips are also learnt from in their mirror image, left and right exchanged
 
     def options(self, system: str) -> dict[str, Any]:
         """A system's options that depend on the window: of 100 frames seq2seq is shown 50 and predicts 10."""
         return {"n_seed": self.length // 2, "n_future": max(1, self.length // 10)} if system == "seq2seq" else {}
+
+
+# A second budget, to see which findings hang on the first: eight times as many multiplications, twice as many clips.
+WIDER: Mapping[str, Any] = {"steps": 2000, "hidden": 128, "mirror": True}
 
 
 @dataclasses.dataclass(frozen=True)

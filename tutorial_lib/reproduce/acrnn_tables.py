@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RESULT = RESULTS / "acrnn.json"
+WIDER_RESULT = RESULTS / "acrnn_wider.json"  # of the budget acrnn_plan.WIDER
 SCHEMA = 1
 TABLE_2_ROWS = {
     label(10, 10): "c-length 10",
@@ -54,6 +55,11 @@ def error(result: Result, style: str, label: str) -> np.ndarray | None:
     """(8,) prediction error, mean over training seeds; NaN where it is not finite; None without such a run."""
     found = runs_of(result, style, label)
     return np.mean([numbers(run["error"]) for run in found], axis=0) if found else None
+
+
+def last_frame_error(result: Result, style: str) -> np.ndarray:
+    """(8,) error of repeating the seed's last frame, which needs no network: mean over the splits."""
+    return np.mean([numbers(s["last_frame"]) for k, s in result["splits"].items() if k.split()[0] == style], axis=0)
 
 
 def difference(result: Result, style: str, one: str, other: str) -> tuple[np.ndarray, np.ndarray] | None:
@@ -120,6 +126,7 @@ def tables(result: Result) -> dict[str, ErrorTable]:
     columns = [f"{ms} ms" for ms in result["protocol"]["times_ms"]]
     seeds = len(result["budget"]["training_seeds"])
     note = f", {result['budget']['steps']} steps, {result['budget']['hidden']} cells a layer"
+    note += ", mirrored clips too" if result["budget"].get("mirror") else ""
     note += f", mean of {seeds} training seeds" if seeds > 1 else ""
     note += "; SAMPLE MOTIONS, not the paper's" if result["data"] == "samples" else ""
     note += "; QUICK TRIAL, nothing is learnt" if result["quick"] else ""
@@ -152,11 +159,10 @@ def tables(result: Result) -> dict[str, ErrorTable]:
     )  # fmt: skip
     found["reference"] = error_table(
         columns,
-        {"last frame of the seed repeated": {
-            _title(result, s): np.mean([numbers(split["last_frame"]) for key, split in result["splits"].items()
-                                        if key.split()[0] == s], axis=0) for s in styles}},
-        caption="For comparison: the error of no network at all", best=None,
-    )  # fmt: skip
+        {"last frame of the seed repeated": {_title(result, s): last_frame_error(result, s) for s in styles}},
+        caption="For comparison: the error of no network at all",
+        best=None,
+    )
     if seeds > 1:
         found["training seeds"] = error_table(
             columns,

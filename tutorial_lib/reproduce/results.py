@@ -98,8 +98,13 @@ class Finding:
     ours: bool | None
     evidence: str
 
+    @property
+    def answer(self) -> str:
+        """yes, no, or - where it was not measured."""
+        return {True: "yes", False: "no", None: "-"}[self.ours]
+
     def __str__(self) -> str:
-        return f"{ {True: 'yes', False: 'no', None: '-'}[self.ours]:<4}{self.claim}: {self.evidence}"
+        return f"{self.answer:<4}{self.claim}: {self.evidence}"
 
 
 def tell_result(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import pathlib
 from collections.abc import Sequence
 from types import ModuleType
 
@@ -11,9 +12,10 @@ from ..errors import TutorialError
 from ..view.tables import ErrorTable
 from .results import RESULTS, report
 
-# Each paper's module, which has load_result, tables and findings, and what it is called.
+# Each result's title. The module of its paper has load_result, tables and findings.
 PAPERS = {
     "acrnn": "acRNN",
+    "acrnn-wider": "acRNN, with wider networks",
     "vae-lstm": "VAE-LSTM",
     "dynamic-future-net": "Dynamic Future Net",
     "side-by-side": "All papers",
@@ -31,8 +33,8 @@ SHORT: tuple[tuple[str, str, Sequence[str], Sequence[str]], ...] = (
 
 
 def shipped() -> list[str]:
-    """The papers whose result comes with the library."""
-    return [paper for paper in PAPERS if (RESULTS / f"{paper.replace('-', '_')}.json").exists()]
+    """The results that come with the library."""
+    return [paper for paper in PAPERS if _file(paper).exists()]
 
 
 def full(paper: str) -> list[str]:
@@ -41,7 +43,7 @@ def full(paper: str) -> list[str]:
     Raises :class:`TutorialError` for a paper without a result, naming those that have one.
     """
     module = _module(paper)
-    result = module.load_result()
+    result = module.load_result(_file(paper))
     return report(module.tables(result), module.findings(result))
 
 
@@ -51,7 +53,7 @@ def short() -> list[ErrorTable]:
     for paper, name, rows, columns in SHORT:
         if paper in shipped():
             module = _module(paper)
-            table = module.tables(module.load_result())[name].only(rows, columns)
+            table = module.tables(module.load_result(_file(paper)))[name].only(rows, columns)
             caption = f"{PAPERS[paper]}, {table.caption[:1].lower()}{table.caption[1:]}"
             tables.append(dataclasses.replace(table, caption=caption))
     return tables
@@ -60,4 +62,8 @@ def short() -> list[ErrorTable]:
 def _module(paper: str) -> ModuleType:
     if paper not in shipped():
         raise TutorialError(f"no result of {paper!r} comes with the library; there are {', '.join(shipped())}")
-    return importlib.import_module(f".{paper.replace('-', '_')}", __package__)
+    return importlib.import_module(f".{_file(paper).stem.removesuffix('_wider')}", __package__)
+
+
+def _file(paper: str) -> pathlib.Path:
+    return RESULTS / f"{paper.replace('-', '_')}.json"
