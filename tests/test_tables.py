@@ -64,7 +64,7 @@ def test_text_for_a_terminal():
 def test_html_says_it_all_in_plain_tags():
     found = Cells(error_table(COLUMNS, OURS, PAPER, caption="Prediction error", unit="m")._repr_html_())
     assert found.caption == "Prediction error (m)"
-    assert found.tags <= {"table", "caption", "thead", "tbody", "tr", "th", "td", "b"}
+    assert found.tags <= {"table", "caption", "thead", "tbody", "tr", "th", "td", "b", "div"}
     assert found.attributes <= {"colspan", "align"}, "styles are lost in notebooks that are not trusted"
     words = [[text for text, _ in row] for row in found.rows]
     assert words[0] == ["", "", "80 ms", "400 ms"] and words[1] == ["Walking"]

@@ -128,7 +128,9 @@ class ErrorTable:
         body = []
         for group, rows in self.groups.items():
             if group:
-                body.append(f'<tr><th colspan="{span}" align="left">{html.escape(group)}</th></tr>')
+                # in a div, since a notebook's own style sets every th's text to the right
+                name = f'<div align="left">{html.escape(group)}</div>'
+                body.append(f'<tr><th colspan="{span}">{name}</th></tr>')
             for name, *cells in self._rows(rows, html.escape, lambda text: f"<b>{text}</b>"):
                 cells = "".join(f'<td align="right">{cell}</td>' for cell in cells)
                 body.append(f'<tr><td align="left">{name}</td>{cells}</tr>')
