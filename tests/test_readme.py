@@ -93,4 +93,4 @@ def test_results_of_one_paper_and_of_none(capsys, fails):
     assert main(["results", "acrnn"]) == 0
     told = capsys.readouterr().out
     assert "Martial Arts" in told and "What the paper finds, and whether it is so here:" in told
-    assert "there are acrnn, vae-lstm" in fails("results", "nobody")
+    assert "there are acrnn, acrnn-wider, vae-lstm" in fails("results", "nobody")
