@@ -45,10 +45,6 @@ class Budget:
         return {"n_seed": self.length // 2, "n_future": max(1, self.length // 10)} if system == "seq2seq" else {}
 
 
-# A second budget, to see which findings hang on the first: eight times as many multiplications, twice as many clips.
-WIDER: Mapping[str, Any] = {"steps": 2000, "hidden": 128, "mirror": True}
-
-
 @dataclasses.dataclass(frozen=True)
 class SystemRow:
     """A row of table 1: the system's name in the table and what it has of its own."""

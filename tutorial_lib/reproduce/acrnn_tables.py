@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RESULT = RESULTS / "acrnn.json"
-WIDER_RESULT = RESULTS / "acrnn_wider.json"  # of the budget acrnn_plan.WIDER
+WIDER_RESULT = RESULTS / "acrnn_wider.json"  # a second budget: which findings hang on the first?
 SCHEMA = 1
 TABLE_2_ROWS = {
     label(10, 10): "c-length 10",

@@ -12,13 +12,13 @@ from ..errors import TutorialError
 from ..view.tables import ErrorTable
 from .results import RESULTS, report
 
-# Each result's title. The module of its paper has load_result, tables and findings.
+# Each result's title, and the module that has load_result, tables and findings of its paper.
 PAPERS = {
-    "acrnn": "acRNN",
-    "acrnn-wider": "acRNN, with wider networks",
-    "vae-lstm": "VAE-LSTM",
-    "dynamic-future-net": "Dynamic Future Net",
-    "side-by-side": "All papers",
+    "acrnn": ("acRNN", "acrnn"),
+    "acrnn-wider": ("acRNN, with wider networks", "acrnn"),
+    "vae-lstm": ("VAE-LSTM", "vae_lstm"),
+    "dynamic-future-net": ("Dynamic Future Net", "dynamic_future_net"),
+    "side-by-side": ("All papers", "side_by_side"),
 }
 # What of them is shown in short: paper, table, rows (none: all), columns (none: all).
 SHORT: tuple[tuple[str, str, Sequence[str], Sequence[str]], ...] = (
@@ -54,7 +54,7 @@ def short() -> list[ErrorTable]:
         if paper in shipped():
             module = _module(paper)
             table = module.tables(module.load_result(_file(paper)))[name].only(rows, columns)
-            caption = f"{PAPERS[paper]}, {table.caption[:1].lower()}{table.caption[1:]}"
+            caption = f"{PAPERS[paper][0]}, {table.caption[:1].lower()}{table.caption[1:]}"
             tables.append(dataclasses.replace(table, caption=caption))
     return tables
 
@@ -62,7 +62,7 @@ def short() -> list[ErrorTable]:
 def _module(paper: str) -> ModuleType:
     if paper not in shipped():
         raise TutorialError(f"no result of {paper!r} comes with the library; there are {', '.join(shipped())}")
-    return importlib.import_module(f".{_file(paper).stem.removesuffix('_wider')}", __package__)
+    return importlib.import_module(f".{PAPERS[paper][1]}", __package__)
 
 
 def _file(paper: str) -> pathlib.Path:
