@@ -2,7 +2,8 @@
 
 What a reader sees in the repository is what a fresh clone gives: the lessons are run here offline, on the
 samples and the shipped weights alone, whatever data this machine has. With ``--to FOLDER`` they are run with
-this machine's data instead, and what comes out is written to that folder, to be looked at.
+this machine's data instead, and what comes out is written to that folder, to be looked at; with ``--share 0.3``
+with a random third or so of its clips, since claims that hold on all clips of one machine need not hold on another's.
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ from __future__ import annotations
 import argparse
 import os
 import pathlib
+import random
 import sys
+import tempfile
 import time
 
 import nbformat
@@ -28,7 +31,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("lesson", nargs="*", help="the beginning of a file name, such as 01; all if none is given")
     parser.add_argument("--to", type=pathlib.Path, metavar="FOLDER", help="run with this machine's data, write there")
+    parser.add_argument("--share", type=float, metavar="X", help="only this share of each folder of that data")
+    parser.add_argument("--seed", type=int, default=0, help="which share")
     options = parser.parse_args()
+    if options.share is not None and not (options.to and os.environ.get("TUTORIAL_DATA") and 0 < options.share <= 1):
+        parser.error("--share is a number above 0 and at most 1, and wants --to and clips in TUTORIAL_DATA")
     if options.to is None:
         os.environ.pop("TUTORIAL_DATA", None)
         os.environ["TUTORIAL_OFFLINE"] = "1"
@@ -41,7 +48,24 @@ def main() -> int:
     if not paths:
         print(f"error: no lesson in {FOLDER.name}/ begins with {', '.join(wanted)}", file=sys.stderr)
         return 2
-    return max(run(path, (options.to or FOLDER) / path.name) for path in paths)
+    with tempfile.TemporaryDirectory() as folder:
+        if options.share is not None:
+            os.environ["TUTORIAL_DATA"] = some_clips(os.environ["TUTORIAL_DATA"], folder, options.share, options.seed)
+        return max(run(path, (options.to or FOLDER) / path.name) for path in paths)
+
+
+def some_clips(of: str, to: str, share: float, seed: int) -> str:
+    """Links in ``to`` to a random share of the clips in each folder of ``of``, and to two at least; returns ``to``."""
+    draw = random.Random(seed)
+    for folder in sorted({path.parent for kind in ("*.bvh", "*.amc") for path in pathlib.Path(of).rglob(kind)}):
+        clips = sorted(path for path in folder.iterdir() if path.suffix in (".bvh", ".amc"))
+        taken = draw.sample(clips, min(len(clips), max(2, round(share * len(clips)))))
+        there = pathlib.Path(to) / folder.relative_to(of)
+        there.mkdir(parents=True, exist_ok=True)
+        for path in [*taken, *folder.glob("*.asf")]:
+            (there / path.name).symlink_to(path)
+        print(f"{folder.relative_to(of)}: {', '.join(sorted(path.stem for path in taken))}")
+    return to
 
 
 def run(path: pathlib.Path, to: pathlib.Path) -> int:

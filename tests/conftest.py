@@ -29,6 +29,19 @@ def real_data() -> pathlib.Path:
     return pathlib.Path(folder)
 
 
+@pytest.fixture(scope="session")
+def real_clips(real_data):
+    """``real_clips("cmu/walking/*.bvh")``: the real files of that name, at least one; the test is skipped without.
+
+    Which clips a folder holds is its owner's business: a test names the kind, not the file.
+    """
+
+    def find(pattern: str) -> list[pathlib.Path]:
+        return sorted(real_data.glob(pattern)) or pytest.skip(f"no {pattern} in TUTORIAL_DATA")
+
+    return find
+
+
 @pytest.fixture
 def small_skeleton() -> Skeleton:
     """Seven nodes, three of them end sites, three Euler orders."""

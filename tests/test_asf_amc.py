@@ -253,12 +253,9 @@ def test_amc_written_as_bvh(tmp_path):
 # -- the database's own files --------------------------------------------------------------------------------
 
 
-def test_cmu_files_agree_with_the_definition(real_data):
-    folder = real_data / "cmu" / "asfamc" / "02"
-    asf = (folder / "02.asf").read_text()
-    clips = sorted(folder.glob("*.amc"))
-    assert clips
-    for path in clips:
+def test_cmu_files_agree_with_the_definition(real_clips):
+    for path in real_clips("cmu/asfamc/*/*.amc"):
+        asf = path.with_name(f"{path.parent.name}.asf").read_text()
         m = read_motion(path)
         assert len(m) > 100 and m.skeleton.n_joints == 31 + len(m.skeleton.end_sites)
         assert 1.4 < m.height < 2.0
@@ -270,14 +267,14 @@ def test_cmu_files_agree_with_the_definition(real_data):
             assert agrees(m[frame : frame + 3], by_definition(asf, part)) < 1e-9
 
 
-def test_cmu_amc_and_its_conversion_show_the_same_walk(real_data):
+def test_cmu_amc_and_its_conversion_show_the_same_walk(real_clips):
     """02_01.amc and walking/01.bvh are one clip, the second converted by others through exponential maps.
 
     Trunk and legs are within 1.3 cm. Neck and arms hang in a chain of their own in the converted file, whose
     offsets leave out the upper chest (it is 12 cm shorter there), so those are compared from the shoulder on.
     """
-    amc = to_common(read_motion(real_data / "cmu" / "asfamc" / "02" / "02_01.amc"))
-    bvh = to_common(read_motion(real_data / "cmu" / "walking" / "01.bvh"))
+    files = (real_clips(name)[0] for name in ("cmu/asfamc/02/02_01.amc", "cmu/walking/01.bvh"))
+    amc, bvh = (to_common(read_motion(path)) for path in files)
     assert len(amc) == len(bvh) == 343 and amc.fps == bvh.fps
     far = np.linalg.norm(amc.positions - bvh.positions, axis=-1).max(0)
     legs = [j for j, n in enumerate(COMMON_JOINTS) if n.endswith(("Leg", "Foot", "Toe"))]

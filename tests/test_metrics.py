@@ -324,11 +324,8 @@ def test_gradients_pass():
     assert torch.isfinite(x.grad).all() and (x.grad[:, 1] != 0).all()
 
 
-def test_real_walking_stands_still_nowhere_and_hardly_slides(real_data):
-    path = real_data / "cmu/walking/01.bvh"
-    if not path.exists():
-        pytest.skip("no cmu/walking/01.bvh in TUTORIAL_DATA")
-    motion = read_motion(path).resample(30)
+def test_real_walking_stands_still_nowhere_and_hardly_slides(real_clips):
+    motion = read_motion(real_clips("cmu/walking/*.bvh")[0]).resample(30)
     r = make_representation("positions", motion.skeleton, 30)
     change = metrics.frame_change(r.encode(motion))
     assert metrics.freezing_time(change, change.mean(), 30.0) == np.inf

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import pathlib
+import shutil
 import subprocess
 import sys
 import time
@@ -27,6 +28,7 @@ from tutorial_lib.reproduce.published import ACRNN_TABLE_1, ACRNN_TABLE_2
 from tutorial_lib.threads import torch_threads
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header
 
+SAMPLES = pathlib.Path(__file__).resolve().parents[1] / "data_samples"
 WIDER = {"steps": 2000, "hidden": 128, "mirror": True}  # the budget of the second result that is shipped
 WIDER_OPTIONS = ("--steps", "2000", "--hidden", "128", "--mirror")
 TINY = Recipe("aclstm", ("samples/boxing",), hidden=8, batch=2, length=12, steps=6)
@@ -249,6 +251,20 @@ def test_runs_of_another_recipe_in_that_place(made, capsys):
 
 
 # --- bad input ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("count", "options", "told"), [
+    (1, (), "cmu/martial: 1 clip, expected at least 2: one is kept out"),
+    (2, ("--tune",), "cmu/martial: 2 clips, expected at least 3: rates are chosen on a fifth"),
+])  # fmt: skip
+def test_too_few_clips_are_told_before_anything_is_trained(tmp_path, fails, count, options, told):
+    folder, runs = tmp_path / "cmu/martial", tmp_path / "runs"
+    folder.mkdir(parents=True)
+    for clip in sorted((SAMPLES / "boxing").glob("*.bvh"))[:count]:
+        shutil.copy(clip, folder)
+    command = ("reproduce", "acrnn", "--data", tmp_path, "--styles", "martial", "--quick", "--runs", runs)
+    assert told in fails(*command, *options)
+    assert not list(runs.rglob("*.safetensors"))
 
 
 def test_missing_data_is_one_error_that_names_it_all(tmp_path, capsys):

@@ -313,11 +313,13 @@ def load_first(
     limit: int | None = None,
     fps: float | None = None,
     cache: str | os.PathLike | None = None,
+    at_least: int = 1,
 ) -> list[Motion]:
     """The first of several data sets that can be had, real ones first: ``load_first(real, sample)``.
 
-    Prints in one line which it is and why not an earlier one. Options as for ``load``. Only what is not at
-    hand is passed over: an unknown name or a file that cannot be read is an error all the same.
+    Prints in one line which it is and why not an earlier one. Options as for ``load``. Passed over is what is
+    not at hand, and what has fewer clips than ``at_least`` (two where clips are to be kept for testing): an
+    unknown name or a file that cannot be read is an error all the same.
     """
     if not wanted:
         raise DataError("load_first: expected at least one name")
@@ -330,6 +332,9 @@ def load_first(
             if len(sets) == 1:
                 raise
             passed_over.append(f"{data_set.name}: {error.reason}")
+            continue
+        if len(motions) < at_least:
+            passed_over.append(f"{data_set.name}: {len(motions)} clips in {place}, expected at least {at_least}")
             continue
         why = f" (not {'; not '.join(passed_over)})" if passed_over else ""
         seconds = sum(m.duration for m in motions)
