@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -251,6 +252,26 @@ def test_runs_of_another_recipe_in_that_place(made, capsys):
 
 
 # --- bad input ------------------------------------------------------------------------------------
+
+
+def test_shipped_weights_are_measured_anew_in_a_result_that_is_there(made, tmp_path, fails, monkeypatch, capsys):
+    folder, _, before = made
+    path = shutil.copy(folder / "acrnn.json", tmp_path)
+    fails("reproduce", "acrnn", "--shipped", tmp_path / "none.json")
+    assert "not at hand" in fails("reproduce", "acrnn", "--shipped", path, "--data", tmp_path)
+    assert acrnn.load_result(path) == json.loads((folder / "acrnn.json").read_text())
+
+    entry = {**before["long"]["martial/aclstm"], "lowest": 0.5}
+    monkeypatch.setattr(acrnn, "measure_published", lambda name, protocol, report: {f"{name} (own seeds)": entry})
+    monkeypatch.setattr(acrnn, "published", lambda: ["aclstm-cmu-martial"])
+    monkeypatch.setattr(acrnn, "side_by_side", lambda function, tasks, jobs: [function(*task, None) for task in tasks])
+    monkeypatch.setattr(acrnn, "clips_from", lambda *_, **__: contextlib.nullcontext())
+    assert cli.main(["reproduce", "acrnn", "--shipped", str(path)]) == 0
+    assert "aclstm-cmu-martial" in capsys.readouterr().out
+    after = acrnn.load_result(path)
+    assert after.pop("shipped")["versions"] == before["versions"]
+    assert after["long"].pop("aclstm-cmu-martial (own seeds)")["lowest"] == 0.5
+    assert after == json.loads((folder / "acrnn.json").read_text())
 
 
 @pytest.mark.parametrize(("count", "options", "told"), [

@@ -44,6 +44,9 @@ def add(commands) -> None:
     acrnn.add_argument("--mirror", action="store_true", default=None, help="learn from every clip's mirror image too")
     acrnn.add_argument("--grid", action="store_true", help="also u and v that differ, for the explorer")
     acrnn.add_argument("--long", action="store_true", help="also samples of 18,000 frames, and of the weights shipped")
+    acrnn.add_argument(
+        "--shipped", metavar="FILE", help="only the weights shipped, anew, in this acrnn.json"
+    )
 
     vae = papers.add_parser(
         "vae-lstm",
@@ -174,8 +177,11 @@ def _add_reproduce(paper: argparse.ArgumentParser, tunes: bool, seeded: bool) ->
 
 
 def _reproduce_acrnn(options: argparse.Namespace, _: Sequence[str]) -> None:
-    from ..reproduce.acrnn import reproduce
+    from ..reproduce.acrnn import measure_shipped, reproduce
 
+    if options.shipped is not None:
+        measure_shipped(options.shipped, options.data, jobs=options.jobs)
+        return
     common = _reproduction(options, "steps", "hidden", "batch", "length", "mirror")
     reproduce(
         options.data, styles=options.styles, seeds=options.seeds, grid=options.grid, long=options.long,

@@ -25,6 +25,7 @@ The result, a dict that is written as JSON
     runs       {name: a run}, names as "martial/aclstm" and "indian/aclstm-u10-v1", "-seed1" behind for other seeds
     long       {name: failures in samples of 18,000 frames}
     tuning     validation errors of each rate tried, where ``--tune`` was given
+    shipped    ``versions`` and ``date`` of the shipped weights' part of ``long``, where they were measured later
     ========== ===================================================================================================
 
     A run has its style, system, label, seed, u and v (None but for acLSTM), recipe, parameters, seconds of training,
@@ -80,6 +81,7 @@ __all__ = [
     "last_frame_error",
     "load_examples",
     "load_result",
+    "measure_shipped",
     "motion_change",
     "pairs",
     "reproduce",
@@ -159,11 +161,32 @@ def _measured(plan: Plan, folder: pathlib.Path, costs: Costs, *, jobs: int, long
         result["runs"][run.name] = measured
         if long_one is not None:
             result["long"][run.name] = long_one
-    if long and not plan.samples:
-        tasks = [(name, plan.protocol) for name in published() if not plan.quick]
-        for part in side_by_side(measure_published, tasks, jobs=jobs):
-            result["long"].update(part)
+    if long and not plan.samples and not plan.quick:
+        result["long"].update(_shipped(plan, jobs))
     return jsonable(result)
+
+
+def _shipped(plan: Plan, jobs: int) -> dict[str, Any]:
+    """Long samples of the shipped weights."""
+    parts = side_by_side(measure_published, [(name, plan.protocol) for name in published()], jobs=jobs)
+    return {name: entry for part in parts for name, entry in part.items()}
+
+
+def measure_shipped(path: str | os.PathLike, source: str | None = None, *, jobs: int = 2,
+                    tell: Callable[[str], None] = print) -> dict[str, Any]:  # fmt: skip
+    """Measure the shipped weights anew in a result that is there already, for who has put others in their place.
+
+    Nothing is trained and all else stays as it was; the result's ``shipped`` tells when, and with what versions.
+    Raises :class:`DataError` for a file that is no result, or data sets that are not at hand.
+    """
+    result, plan = load_result(path), Plan()
+    with clips_from(source, [plan.data(style) for style in plan.styles], samples=False):
+        result["long"].update(jsonable(_shipped(plan, jobs)))
+    result["shipped"] = {key: head("acrnn", SCHEMA)[key] for key in ("versions", "date")}
+    write_result(result, path)
+    tell(str(tables(result)["long"]))
+    tell(f"wrote {path}")
+    return result
 
 
 def _frame(plan: Plan) -> dict[str, Any]:
