@@ -9,6 +9,7 @@ with a random third or so of its clips, since claims that hold on all clips of o
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import pathlib
 import random
@@ -21,6 +22,7 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
 from tutorial_lib.atomic import atomic_write
+from tutorial_lib.data.catalog import motion_files
 
 FOLDER = pathlib.Path(__file__).resolve().parent
 LIMIT = 1_000_000  # bytes of a lesson with its outputs
@@ -57,8 +59,9 @@ def main() -> int:
 def some_clips(of: str, to: str, share: float, seed: int) -> str:
     """Links in ``to`` to a random share of the clips in each folder of ``of``, and to two at least; returns ``to``."""
     draw = random.Random(seed)
-    for folder in sorted({path.parent for kind in ("*.bvh", "*.amc") for path in pathlib.Path(of).rglob(kind)}):
-        clips = sorted(path for path in folder.iterdir() if path.suffix in (".bvh", ".amc"))
+    of_folders = sorted(motion_files(pathlib.Path(of)), key=lambda path: path.parent)
+    for folder, clips in itertools.groupby(of_folders, key=lambda path: path.parent):
+        clips = list(clips)
         taken = draw.sample(clips, min(len(clips), max(2, round(share * len(clips)))))
         there = pathlib.Path(to) / folder.relative_to(of)
         there.mkdir(parents=True, exist_ok=True)

@@ -405,10 +405,12 @@ def real(real_data, monkeypatch, tmp_path):
 
 def test_real_indian_dance(real):
     motions = real("cmu/indian")
+    published = {f"cmu/indian/{f.name.removesuffix('.bvh')}": f.frames for f in data.entry("cmu/indian").files}
     assert all(m.fps == pytest.approx(120, abs=0.01) for m in motions)
     assert {m.skeleton.n_joints for m in motions} == {57} and len({m.skeleton for m in motions}) == 1
     for motion in motions:
         assert motion.name.startswith("cmu/indian/") and motion.duration > 5
+        assert len(motion) == published.get(motion.name, len(motion))
         assert 0.5 < motion.positions[:, 0, 1].mean() < 1.3  # hips, metres above the ground
 
 

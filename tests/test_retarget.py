@@ -163,6 +163,8 @@ def test_real_clips(real_clips, clip):
 @pytest.mark.parametrize("group", ["cmu/indian", "cmu/martial", "cmu/salsa", "bandai-namco/run"])
 def test_all_clips_of_a_data_set_have_one_skeleton(real_clips, group):
     paths = real_clips(f"{group}/*.bvh")
+    if len(paths) < 2:
+        pytest.skip(f"a single clip in {group}")
     skeletons = [common_skeleton(read_motion(p).skeleton)[0] for p in paths[:: max(1, len(paths) // 5)]]
     for s in skeletons[1:]:
         assert s.same_tree(skeletons[0]) and np.abs(s.offsets - skeletons[0].offsets).max() < 1e-9

@@ -44,9 +44,7 @@ def add(commands) -> None:
     acrnn.add_argument("--mirror", action="store_true", default=None, help="learn from every clip's mirror image too")
     acrnn.add_argument("--grid", action="store_true", help="also u and v that differ, for the explorer")
     acrnn.add_argument("--long", action="store_true", help="also samples of 18,000 frames, and of the weights shipped")
-    acrnn.add_argument(
-        "--shipped", metavar="FILE", help="only the weights shipped, anew, in this acrnn.json"
-    )
+    acrnn.add_argument("--shipped", metavar="FILE", help="only the weights shipped, anew, in this acrnn.json")
 
     vae = papers.add_parser(
         "vae-lstm",

@@ -129,7 +129,7 @@ def reproduce(
                 **asked_for(Budget(), QUICK, quick, budget))  # fmt: skip
     runs, out = folders("acrnn", samples, runs, out)
     with clips_from(source, [plan.data(style) for style in plan.styles], samples=samples,
-                    hint="--styles takes fewer, --data samples the sample motions"):  # fmt: skip
+                    hint="--styles takes fewer, --data samples the sample motions", aside=1 + tuning):  # fmt: skip
         record, costs = None, _costs(plan)
         if tuning:
             plan, record = tune(plan, runs, costs, jobs=jobs, tell=tell)
@@ -180,9 +180,10 @@ def measure_shipped(path: str | os.PathLike, source: str | None = None, *, jobs:
     Raises :class:`DataError` for a file that is no result, or data sets that are not at hand.
     """
     result, plan = load_result(path), Plan()
-    with clips_from(source, [plan.data(style) for style in plan.styles], samples=False):
+    with clips_from(source, [plan.data(style) for style in plan.styles], samples=False, aside=0):
         result["long"].update(jsonable(_shipped(plan, jobs)))
-    result["shipped"] = {key: head("acrnn", SCHEMA)[key] for key in ("versions", "date")}
+    now = head("acrnn", SCHEMA)
+    result["shipped"] = {key: now[key] for key in ("versions", "date")}
     write_result(result, path)
     tell(str(tables(result)["long"]))
     tell(f"wrote {path}")

@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 import math
 import pathlib
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..data.windows import split_clips
-from ..errors import DataError
 from ..evaluate import jsonable
 from ..motion.clip import Motion
 from ..recipes import Recipe
@@ -59,9 +58,7 @@ def whole_cost(
     """The cost of each run, told as a table of the kinds of runs with the sum of it all.
 
     left: steps that each run still has to go. cost_of: its seconds a step and of measuring. sizes: a line's beginning.
-    Raises :class:`DataError` for a data set of a single clip: nothing of it would be left to measure on.
     """
-    _expect_clips(runs, 1, "one is kept out to be measured on")
     cost, lines = {}, {}
     for run in runs:
         step, after = cost[run.name] = cost_of(run)
@@ -105,10 +102,8 @@ def choose_rates(
     of which the rate with the lowest geometric mean over the data sets is chosen (a rate at which training breaks off
     has an infinite one). then: what is told of the cost afterwards.
     Returns ``steps`` (a number, or {system: steps} where they differ), ``rates``, ``error`` {system: {data set: [of
-    each rate]}} and ``chosen`` {system: rate}. Raises :class:`DataError` for a data set with a single training clip,
-    before anything is trained.
+    each rate]}} and ``chosen`` {system: rate}.
     """
-    _expect_clips(trials.values(), 2, "rates are chosen on a fifth of them set aside")
     rates = tuple(dict.fromkeys(rate for *_, rate in trials))
     runs = list(trials.values())
     cost = {run.name: (step_seconds(run), 1.0) for run in runs}
@@ -131,15 +126,6 @@ def choose_rates(
         edge = total.argmin() in (0, len(total) - 1)
         tell(f"  {system:<20} {record['chosen'][system]:g}" + (", at the edge of what was tried" if edge else ""))
     return jsonable(record)
-
-
-def _expect_clips(runs: Iterable[Run], training: int, why: str) -> None:
-    """A :class:`DataError` naming the first data set with fewer clips to train on, or none to measure on."""
-    for recipe in {run.recipe.data: run.recipe for run in runs}.values():
-        for name, (train_clips, test_clips) in zip(recipe.data, clips_for(recipe), strict=True):
-            if len(train_clips) < training or not test_clips:
-                found, least = len(train_clips) + len(test_clips), training + 1
-                raise DataError(f"{name}: {found} clip{'s' * (found > 1)}, expected at least {least}: {why}")
 
 
 def _steps_left(run: Run, folder: pathlib.Path) -> int:

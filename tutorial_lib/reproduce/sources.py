@@ -11,6 +11,9 @@ from .. import data
 from ..data.catalog import DATA, data_folder
 from ..errors import DataError
 
+# Why a data set needs one clip more than there are parts of it set aside: none, test clips, and validation clips too.
+WHY = ("", "one is kept out to be measured on", "rates are chosen on a fifth of them set aside")
+
 
 @contextlib.contextmanager
 def data_from(folder: str | None) -> Iterator[None]:
@@ -29,15 +32,16 @@ def data_from(folder: str | None) -> Iterator[None]:
             os.environ[DATA] = before
 
 
-def check_data(names: Sequence[str], *, of_folder: bool, hint: str) -> None:
+def check_data(names: Sequence[str], *, of_folder: bool, hint: str, aside: int = 1) -> None:
     """One error for all data sets that are missing, before anything is computed; ``hint``: what else can be asked for.
 
-    A folder that was named must have them all; else what is missing is downloaded, as ever.
+    A folder that was named must have them all; else what is missing is downloaded, as ever. ``aside``: how many parts
+    of each are not trained on, see :data:`WHY`; a data set with too few clips for that is an error, too.
     """
     missing = []
-    places = {row.name: (row.at_hand, row.path) for row in data.listing()}
+    rows = {row.name: row for row in data.listing()}
     for name in names:
-        at_hand, path = places[name]
+        at_hand, path = rows[name].at_hand, rows[name].path
         if of_folder and at_hand != DATA:
             missing.append(name)
         elif at_hand in ("empty folder", "missing"):
@@ -52,6 +56,10 @@ def check_data(names: Sequence[str], *, of_folder: bool, hint: str) -> None:
         raise DataError(
             f"not at hand{where}: {'; '.join(missing)}; expected motion files for all of {', '.join(names)} ({hint})"
         )
+    for name in names:
+        found = rows[name].clips
+        if found <= aside:
+            raise DataError(f"{name}: {found} clip{'s' * (found > 1)}, expected at least {aside + 1}: {WHY[aside]}")
 
 
 def at_hand(name: str) -> bool:
@@ -73,9 +81,13 @@ def samples_stand_in(source: str | None, names: Iterable[str], tell: Callable[[s
 
 @contextlib.contextmanager
 def clips_from(
-    source: str | None, names: Sequence[str], *, samples: bool, hint: str = "--data samples takes the samples"
-) -> Iterator[None]:
-    """Inside the block the data sets are those of the folder ``source``, if one was named; all are there."""
+    source: str | None, names: Sequence[str], *, samples: bool, hint: str = "--data samples takes the samples",
+    aside: int = 1,
+) -> Iterator[None]:  # fmt: skip
+    """Inside the block the data sets are those of the folder ``source``, if one was named; all are there.
+
+    hint, aside: see :func:`check_data`.
+    """
     with data_from(None if samples else source):
-        check_data(names, of_folder=source is not None and not samples, hint=hint)
+        check_data(names, of_folder=source is not None and not samples, hint=hint, aside=aside)
         yield

@@ -85,7 +85,7 @@ def reproduce(
     samples = samples_stand_in(source, DATA, tell)
     plan = Plan(samples=samples, seeds=tuple(seeds), **asked_for(Budget(), QUICK, quick, budget))
     runs, out = folders("vae-lstm", samples, runs, out)
-    with clips_from(source, plan.data, samples=samples):
+    with clips_from(source, plan.data, samples=samples, aside=1 + tuning):
         record, costs = None, _costs(plan)
         if tuning:
             plan, record = tune(plan, runs, costs, jobs=jobs, tell=tell)
