@@ -189,6 +189,9 @@ def test_generate_writes_files_of_the_asked_length(trained, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["made"]
     assert main([*command[:-1], str(tmp_path / "seeded"), "--keep-seed", "--seed-frames", "7"]) == 0
     assert len(read_bvh(tmp_path / "seeded" / "swing-01.bvh")) == 32
+    noisy = [*command[:-1], str(tmp_path / "noisy"), "--noise"]
+    assert main([*noisy, "0"]) == 0 and (tmp_path / "noisy" / names[0]).read_bytes() == first[names[0]]
+    assert main([*noisy, "0.05"]) == 0 and (tmp_path / "noisy" / names[0]).read_bytes() != first[names[0]]
 
 
 def test_generated_files_are_what_the_network_makes(trained, clips, tmp_path):

@@ -10,6 +10,7 @@ import torch
 from tutorial_lib.errors import TutorialError
 from tutorial_lib.training.conditioning import (
     DECAYS,
+    WanderingNoise,
     auto_conditioning,
     scheduled_sampling,
     seed_only,
@@ -94,3 +95,31 @@ def test_what_cannot_be_is_refused(call, words):
     with pytest.raises(TutorialError, match=words) as error:
         call()
     assert "\n" not in str(error.value)
+
+
+# --- noise that wanders ---------------------------------------------------------------------------
+
+
+def wandering(deviation=0.5, frames=4.0, n=4000, batch=3, seed=0):
+    noise = WanderingNoise(deviation, frames, torch.Generator().manual_seed(seed))
+    return torch.stack([noise.disturb(torch.ones(batch, 2)) - 1 for _ in range(n)])  # (n, B, 2)
+
+
+def test_wandering_noise_has_its_deviation_and_is_remembered_for_its_frames():
+    noise = wandering()
+    assert float(noise.mean()) == pytest.approx(0, abs=0.05) and float(noise.std()) == pytest.approx(0.5, rel=0.05)
+    for lag in (1, 4, 12):  # its correlation falls to 1 / e in 4 frames
+        together = float((noise[lag:] * noise[:-lag]).mean()) / 0.25
+        assert together == pytest.approx(math.exp(-lag / 4), abs=0.06)
+    between = float((noise[:, 0] * noise[:, 1]).mean()) / 0.25  # of two sequences
+    assert between == pytest.approx(0, abs=0.06)
+
+
+def test_wandering_noise_hangs_on_its_generator_alone():
+    assert torch.equal(wandering(n=5), wandering(n=5)) and not torch.equal(wandering(n=5), wandering(n=5, seed=1))
+    assert not wandering(deviation=0.0, n=5).any()
+    for bad in (-0.1, math.nan, math.inf, "much", True):
+        with pytest.raises(TutorialError, match="standard deviation of 0 or more"):
+            WanderingNoise(bad, 15)
+    with pytest.raises(TutorialError, match="for some frames, not 0"):
+        WanderingNoise(0.1, 0)

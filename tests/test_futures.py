@@ -450,6 +450,7 @@ def test_on_the_command_line(trained, tmp_path, fails, capsys):
     assert "dynamic-future-net, future (2 of 3)" in capsys.readouterr().err
     made = ["generate", str(out), "--frames", "5", "--count", "2", "-o", str(tmp_path / "made"), "--keep-seed"]
     assert main([*made, "--temperature", "0"]) == 0
+    assert "--noise is not for system 'dynamic-future-net'" in fails(*made, "--noise", "0.1")
     motion = read_motion(tmp_path / "made" / "run-02.bvh")
     assert len(motion) == 15 and motion.rotations is not None
     second = ["--stage", "dynamics", "--start", str(out), "--out", str(tmp_path / "again.safetensors")]

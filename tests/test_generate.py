@@ -23,6 +23,7 @@ from tutorial_lib.motion import Motion, Skeleton
 from tutorial_lib.motion.clip import settled_positions
 from tutorial_lib.representations import make_representation
 from tutorial_lib.training.checkpoints import Checkpoint
+from tutorial_lib.training.conditioning import Given, WanderingNoise
 from tutorial_lib.training.systems import make_system
 
 
@@ -84,6 +85,30 @@ def test_batches_and_single_sequences_agree():
     many = synthesize(model, seed, 6)
     assert many.shape == (2000, 6, 4)
     torch.testing.assert_close(many[1234:1235], synthesize(model, seed[1234:1235], 6))
+
+
+def test_noise_is_on_what_is_read_and_not_on_what_comes_out(small_motion):
+    """A network that adds one to what it reads: each step is one and what the noise was, the first is exact."""
+    seed, noise = torch.zeros(2, 3, 4), WanderingNoise(0.3, 5.0, torch.Generator().manual_seed(4))
+    out = synthesize(Counting(4), seed, 6, noise=noise)
+    again = WanderingNoise(0.3, 5.0, torch.Generator().manual_seed(4))
+    frame, expected = torch.ones(2, 4), []
+    for _ in range(6):
+        expected.append(frame)
+        frame = again.disturb(frame) + 1
+    torch.testing.assert_close(out, torch.stack(expected, 1))
+
+    given = Given([1], torch.full((2, 6, 1), 7.0))
+    held = synthesize(Counting(4), seed, 6, given=given, noise=WanderingNoise(0.3, 5.0, torch.Generator()))
+    assert bool((held[..., 1] == 7).all()) and held[..., 0].diff().std() > 0.01
+
+    checkpoint = checkpoint_for(small_motion)
+    made = [generate(checkpoint, 30, seeds=[small_motion], seed=s, noise=n)[0].positions
+            for s, n in ((0, 0.0), (0, 0.02), (0, 0.02))]  # fmt: skip
+    assert np.array_equal(made[1], made[2]) and not np.allclose(made[0][12:], made[1][12:], atol=1e-5)
+    assert np.allclose(made[0][:11], made[1][:11])  # the seed, and the frame that was made of the seed alone
+    with pytest.raises(TutorialError, match="noise is a standard deviation of 0 or more, not -1"):
+        generate(checkpoint, 5, seeds=[small_motion], noise=-1)
 
 
 def test_stream_goes_on_without_growing():

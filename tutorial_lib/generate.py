@@ -19,12 +19,13 @@ from .motion.retarget import to_common
 from .motion.skeletons import COMMON_JOINTS, recognise, standing_height
 from .representations import Representation
 from .training.checkpoints import Checkpoint
-from .training.conditioning import Given
+from .training.conditioning import Given, WanderingNoise
 from .training.progress import Progress
 from .training.rollout import LSTMStream, has_fast_rollout
 from .training.systems import SYSTEMS
 
 SEED_FRAMES = 10  # acRNN, section 4: "initialized with 10 frames"
+NOISE_SECONDS = 0.5  # for which noise on what is fed is remembered, about a gesture
 
 
 def stream(
@@ -33,22 +34,26 @@ def stream(
     *,
     state: Any = None,
     given: Given | None = None,
+    noise: WanderingNoise | None = None,
     generator: torch.Generator | None = None,
 ) -> Iterator[Tensor]:
     """The frames that follow ``seed``, one at a time and without end; with ``given``, as far as that goes.
 
     The network reads the seed (B, T0, D), which warms up its memory; its prediction of the next frame is
     given out, (B, D), and is what it reads next. Only the memory and one frame are kept, however long it runs.
-    The network is put into evaluation mode. ``state`` is the memory before the seed; for it and for what the Dynamic
-    Future Net has instead, ``generator``, see :func:`synthesize`.
+    The network is put into evaluation mode. ``state`` is the memory before the seed, ``noise`` is on what is read and
+    not on what is given out; for them and for what the Dynamic Future Net has instead, ``generator``, see
+    :func:`synthesize`.
     """
     _check_seed(seed)
     if given is not None:
         given.check(seed.shape[0], seed.shape[2])
     model.eval()
     if isinstance(model, DynamicFutureNet):
-        if state is not None or given is not None:
-            raise TutorialError("the Dynamic Future Net predicts no next frame: it takes no state and nothing given")
+        if state is not None or given is not None or noise is not None:
+            raise TutorialError(
+                "the Dynamic Future Net reads none of its output: it takes no state, nothing given and no noise"
+            )
         futures = FutureStream(model, len(seed), generator=generator)
         futures.read(seed)
         yield from futures.features()
@@ -71,6 +76,9 @@ def stream(
                 return
             frame = given.put(frame, t)
         yield frame
+        if noise is not None:
+            frame = noise.disturb(frame)
+            frame = frame if given is None else given.put(frame, t)  # what is given is exact
         frame = step(frame)
 
 
@@ -81,6 +89,7 @@ def synthesize(
     *,
     state: Any = None,
     given: Given | None = None,
+    noise: WanderingNoise | None = None,
     generator: torch.Generator | None = None,
     progress: bool = False,
 ) -> Tensor:
@@ -94,8 +103,9 @@ def synthesize(
     state : memory before the seed, by default the network's own beginning; of one that draws its frames
         ``model.start(number)``, which says what it draws.
     given : channels that are not the network's to tell, of ``n_frames`` frames or more.
+    noise : on each frame of its own that the network reads; those that it puts out are as it makes them.
     generator : of the Dynamic Future Net alone, on the CPU: of all that it draws; by default torch's global one. It
-        predicts no next frame, so that it takes neither a ``state`` nor what is ``given``.
+        reads none of its own frames, so that it takes no ``state``, nothing ``given`` and no ``noise``.
     progress : show a line with frames a second.
 
     Returns
@@ -111,7 +121,7 @@ def synthesize(
     out = torch.empty(batch, n_frames, dim, dtype=seed.dtype, device=seed.device)
     bar = Progress(n_frames, unit="frame", title="generating", enabled=progress)
     for t, frame in zip(
-        range(n_frames), stream(model, seed, state=state, given=given, generator=generator), strict=False
+        range(n_frames), stream(model, seed, state=state, given=given, noise=noise, generator=generator), strict=False
     ):
         out[:, t] = frame
         bar.update()
@@ -263,6 +273,7 @@ def generate_features(
     n_frames: int,
     *,
     given: Mapping[str, np.ndarray | Tensor] | None = None,
+    noise: float = 0.0,
     seed: int = 0,
     progress: bool = False,
 ) -> np.ndarray:
@@ -271,9 +282,18 @@ def generate_features(
     ``seeds`` (K, T, D) and the result (K, n_frames, D) are in the representation, not normalised; the
     computation is on the device that the checkpoint's network is on. ``given`` : parts of each frame after the seed
     that are not the network's to tell, ``{"control": (K, n_frames, 3)}``, see :func:`given_parts` and
-    :class:`~.training.conditioning.Given`. ``seed`` : of all chance, in networks that draw.
+    :class:`~.training.conditioning.Given`. ``noise`` : deviation of what disturbs each frame of its own that a network
+    reads, in the units that it reads, as the ``noise`` of its training
+    (:class:`~.training.conditioning.WanderingNoise`). ``seed`` : of all chance, in that noise and in networks that
+    draw. Raises :class:`TutorialError` for noise below 0, or for a network that reads none of its own frames.
     """
     check_predicts(checkpoint)
+    futures, chance = SYSTEMS[checkpoint.system].futures, torch.Generator().manual_seed(seed)
+    if noise and futures:
+        raise TutorialError(f"noise is not for system {checkpoint.system!r}, which reads none of its own frames")
+    wandering = None
+    if noise:
+        wandering = WanderingNoise(noise, NOISE_SECONDS * representation_of(checkpoint).fps, chance)
     seeds = torch.as_tensor(seeds, dtype=torch.float32)
     width = checkpoint.model.config.dim
     if seeds.ndim != 3 or seeds.shape[-1] != width:
@@ -287,7 +307,7 @@ def generate_features(
     made = synthesize(
         checkpoint.model, seeds.to(device), n_frames, progress=progress,
         state=None if start is None else start(seed), given=given_parts(checkpoint, given) if given else None,
-        generator=torch.Generator().manual_seed(seed) if SYSTEMS[checkpoint.system].futures else None,
+        noise=wandering, generator=chance if futures else None,
     ).cpu()  # fmt: skip
     if checkpoint.normalizer is not None:
         made = checkpoint.normalizer.invert(made)
@@ -305,6 +325,7 @@ def generate(
     count: int = 1,
     seed: int = 0,
     seed_frames: int = SEED_FRAMES,
+    noise: float = 0.0,
     progress: bool = False,
 ) -> Generated:
     """Motions of any length from a checkpoint and something to start from.
@@ -316,14 +337,17 @@ def generate(
         or features (K, T, D). By default those that the checkpoint carries.
     count, seed : how many motions, and the number that chooses their seeds, and what a network draws that does.
     seed_frames : length of a seed.
+    noise : disturbs what the network reads of its own output, so that it does not go round in a loop; see
+        :func:`generate_features`. By default there is none, as in the paper.
 
     Each motion begins with its seed and starts at the origin. Two runs with the same arguments give the same motions.
     Raises :class:`CheckpointError` for a seed of another skeleton or width, or if there is none;
     :class:`TutorialError` if the network's output becomes infinite or NaN.
     """
     motions = generate_each(
-        checkpoint, n_frames, seeds=seeds, count=count, seed=seed, seed_frames=seed_frames, progress=progress
-    )
+        checkpoint, n_frames, seeds=seeds, count=count, seed=seed, seed_frames=seed_frames, noise=noise,
+        progress=progress,
+    )  # fmt: skip
     return Generated(list(motions), seed_frames)
 
 
@@ -335,6 +359,7 @@ def generate_each(
     count: int = 1,
     seed: int = 0,
     seed_frames: int = SEED_FRAMES,
+    noise: float = 0.0,
     progress: bool = False,
 ) -> Iterator[Motion]:
     """:func:`generate`, the motions one by one: all are made before this returns, as single-precision features, but
@@ -344,7 +369,7 @@ def generate_each(
     if n_frames < 1:
         raise TutorialError(f"the number of frames to generate must be 1 or more, not {n_frames}")
     features = choose_seeds(checkpoint, seeds, count=count, seed=seed, frames=seed_frames)
-    made = generate_features(checkpoint, features, n_frames, seed=seed, progress=progress)
+    made = generate_features(checkpoint, features, n_frames, noise=noise, seed=seed, progress=progress)
     for k, rest in enumerate(made):
         bad = ~np.isfinite(rest).all(axis=-1)  # (n_frames,)
         if bad.any():

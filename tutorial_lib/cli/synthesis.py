@@ -47,6 +47,13 @@ def add(commands) -> None:
         metavar="T",
         help="dynamic-future-net: how much chance there is; 0: none (default 1, as it was learnt)",
     )
+    generate.add_argument(
+        "--noise",
+        type=number(0, True),
+        metavar="D",
+        help="networks that predict the next frame: disturb what they read of their own output by this deviation, so "
+        "that they do not go round in a loop; as much as in their training, such as 0.03 (default 0, as in the paper)",
+    )
     generate.add_argument("-o", "--out", required=True, metavar="DIR", help="folder for the files")
     generate.add_argument(
         "--data",
@@ -155,6 +162,8 @@ def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     seeds = _seed_clips(checkpoint, sources)
     chosen = {"count": options.count, "seed": options.seed}
     if SYSTEMS[checkpoint.system].futures:
+        if options.noise is not None:
+            raise TutorialError(f"--noise is not for system {checkpoint.system!r}, which has a --temperature")
         prefix = choose_seeds(checkpoint, seeds, frames=options.seed_frames, **chosen)
         temperature = 1.0 if options.temperature is None else options.temperature
         made = iter(
@@ -166,8 +175,9 @@ def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
         raise TutorialError(f"--temperature is not for system {checkpoint.system!r}")
     else:
         made = generate_each(
-            checkpoint, options.frames, seeds=seeds, seed_frames=options.seed_frames, progress=True, **chosen
-        )
+            checkpoint, options.frames, seeds=seeds, seed_frames=options.seed_frames, noise=options.noise or 0.0,
+            progress=True, **chosen,
+        )  # fmt: skip
     bar = Progress(options.count, unit="file", title="writing")
     with whole_folder(out) as folder, contextlib.closing(bar):
         for name, motion in zip(names, made, strict=True):  # each is written as it comes: few are ever in memory

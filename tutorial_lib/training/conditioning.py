@@ -6,7 +6,7 @@ has its own. The first frame is always the truth, since there is no output yet. 
 network under a schedule; drawn as rows of squares it is figure 1 of the acRNN paper.
 
 A schedule has whole frames of truth. At synthesis some channels may be true at *every* frame, such as the control
-signal that someone gives: :class:`Given`.
+signal that someone gives: :class:`Given`; and what is fed may be disturbed: :class:`WanderingNoise`.
 
 >>> auto_conditioning(10, u=3, v=2).int().tolist()
 [1, 1, 1, 0, 0, 1, 1, 1, 0, 0]
@@ -14,6 +14,7 @@ signal that someone gives: :class:`Given`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -155,6 +156,42 @@ class Given:
                 f"given values for {len(self.values)} sequences and channels {list(self.channels)}, the seed has "
                 f"{batch} sequences of {dim} numbers a frame"
             )
+
+
+class WanderingNoise:
+    r"""Gaussian noise that wanders slowly, for the frames that a network is fed of its own output at synthesis.
+
+    A network that draws nothing, run for long enough, comes back to where it was and goes round. With each number of
+    what it is fed a little off it does not; noise that is new at every frame is smoothed away by its memory, so this
+    one is remembered for a while, an Ornstein-Uhlenbeck process at whole frames:
+
+    .. math:: n_{t+1} = a\, n_t + \sqrt{1 - a^2}\, \sigma \varepsilon_t, \qquad a = e^{-1 / \mathrm{frames}},
+              \qquad \varepsilon_t \sim \mathcal N(0, I)
+
+    Not in the acRNN paper. A network has its way back from as much noise as it was trained with (``train --noise``).
+
+    deviation : sigma, in the units of the network's (normalised) features; 0 disturbs nothing.
+    frames : for how many the noise is remembered.
+    generator : of all that is drawn, on the CPU; by default torch's global one.
+    Raises :class:`TutorialError` for a deviation below 0 or no frames.
+    """
+
+    def __init__(self, deviation: float, frames: float, generator: torch.Generator | None = None):
+        if isinstance(deviation, bool) or not isinstance(deviation, (int, float)) or not 0 <= deviation < math.inf:
+            raise TutorialError(f"the noise is a standard deviation of 0 or more, not {deviation!r}")
+        if not 0 < frames < math.inf:
+            raise TutorialError(f"noise must be remembered for some frames, not {frames!r}")
+        self.deviation, self.keep, self.generator = float(deviation), math.exp(-1 / frames), generator
+        self._now: Tensor | None = None  # (B, D), of deviation 1
+
+    def disturb(self, frame: Tensor) -> Tensor:
+        """A frame (B, D) with the noise of this moment; the noise then wanders on."""
+        drawn = torch.randn(frame.shape, generator=self.generator, dtype=frame.dtype).to(frame.device)
+        if self._now is None:
+            self._now = drawn
+        else:
+            self._now = self.keep * self._now + math.sqrt(1 - self.keep**2) * drawn
+        return frame + self.deviation * self._now
 
 
 def _is_whole(value: object) -> bool:
