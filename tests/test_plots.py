@@ -44,6 +44,22 @@ def test_curves_hold_the_numbers_and_differ_without_colour():
         curve_plot(curves, x=[1, 2, 3])
 
 
+def test_no_two_of_twelve_curves_look_alike():
+    names = "abcdefghijkl"
+    rng = np.random.default_rng(0)
+    curves = curve_plot({name: np.arange(3.0) for name in names})
+    where, far = cloud_plot(rng.normal(size=(50, 4)), {name: rng.normal(size=(5, 4)) for name in names}, fps=30).axes
+    for drawn in (curves.axes[0].get_lines(), curves.legends[0].get_lines(), where.get_lines(), far.get_lines()):
+        looks = [(one.get_color(), one._dash_pattern) for one in drawn]
+        assert len(looks) == 12
+        assert len({color for color, _ in looks}) == 12, "the colours come again"
+        dashes = [pattern for _, pattern in looks]
+        assert len({str(pattern) for pattern in dashes[:6]}) == 6, "the first six also differ without colour"
+        assert all(a != b for a, b in zip(dashes, dashes[6:], strict=False)), "two of one hue have the same dashes"
+    bars = bar_plot({"one": dict.fromkeys(names, 1.0)}).axes[0].patches
+    assert len({bar.get_facecolor() for bar in bars}) == 12
+
+
 def test_motion_change_is_smoothed_and_compared_with_the_truth():
     change = np.r_[np.zeros(50), np.ones(50)]
     figure = motion_change_plot({"x": change}, truth=2.0, smooth=10)

@@ -41,7 +41,7 @@ def _vae_lstm(result: Result) -> list[Finding]:
     claims = (
         "VAE-LSTM, table 1: the systems that are shown the seed err less than it after 80 ms",
         "VAE-LSTM, table 1: told where to go, it errs least after 640 ms",
-        "VAE-LSTM: it goes where it is told (0.1 m off the path at most), in steps of half a metre and more",
+        "VAE-LSTM: it goes where it is told (within 0.1 m of the path on average), in steps of half a metre and more",
     )
     if not runs_of(result, VAE) or not predictors:
         return [Finding(claim, None, "not measured") for claim in claims]

@@ -2,13 +2,13 @@
 
 Every function returns a matplotlib ``Figure`` that belongs to no window: a notebook shows it as a cell's last value,
 ``figure.savefig`` writes it. Colours are those of ``palette``; curves also differ in dashes, so that they can be told
-apart in grey.
+apart in grey. From the seventh curve on the colours come again, darker and with other dashes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -46,13 +46,12 @@ def curve_plot(
         at = np.arange(len(values)) if x is None else np.asarray(x, dtype=float)[: len(values)]
         if len(at) < len(values):
             raise TutorialError(f"curve_plot: curve {label!r} of {len(values)} values over {len(at)} places")
-        style = {"color": palette.color(i), "linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.8}
-        axes.plot(at, values, label=label, **style)
+        axes.plot(at, values, label=label, linewidth=1.8, **_curve_style(i))
     if log:
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-    figure.legend(loc="outside right upper", frameon=False, fontsize=9)
+    figure.legend(loc="outside right upper", frameon=False, fontsize=9, handlelength=3)  # the longest dashes, whole
     return figure
 
 
@@ -201,14 +200,14 @@ def cloud_plot(
     behind = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.65, "linewidth": 0}
     for i, (label, path) in enumerate(finite.items()):
         line = (path - middle) @ directions
-        style = {"color": palette.color(i), "linestyle": _DASHES[i % len(_DASHES)]}
+        style = _curve_style(i)
         where.plot(*line.T, linewidth=1.3, label=label, **style)
         far.plot(np.arange(len(path)) / fps, nearest_distance(path, cloud), linewidth=1.6, **style)
         marks = np.arange(0, len(path), max(1, round(every * fps)))
-        where.scatter(*line[marks].T, s=16, color=palette.color(i), edgecolors="white", linewidths=0.6, zorder=3)
+        where.scatter(*line[marks].T, s=16, color=style["color"], edgecolors="white", linewidths=0.6, zorder=3)
         for k, frame in enumerate(marks[:numbers]):
             where.annotate(f"{k * every:g}", line[frame], xytext=(3, 3), textcoords="offset points", fontsize=7.5,
-                           color=palette.mix(palette.color(i), "#000000", 0.3), weight="bold",
+                           color=palette.mix(style["color"], "#000000", 0.3), weight="bold",
                            bbox=behind)  # fmt: skip
         if len(line):
             low, high = np.minimum(low, line.min(0)), np.maximum(high, line.max(0))
@@ -247,7 +246,7 @@ def bar_plot(
     for i, label in enumerate(labels):
         at = np.arange(len(groups)) + (i - (len(labels) - 1) / 2) * width
         values = [bars.get(label, np.nan) for bars in groups.values()]
-        bars = axes.bar(at, values, 0.92 * width, color=palette.color(i), label=label)
+        bars = axes.bar(at, values, 0.92 * width, color=_tone(i), label=label)
         axes.bar_label(bars, fmt="%.3g", fontsize=8, padding=2)
     axes.set_xticks(np.arange(len(groups)), groups)
     axes.margins(y=0.15)
@@ -310,6 +309,16 @@ def _write_names(axes, skeleton: Skeleton, rest: np.ndarray, joints: list[int]):
                 ha="left" if side > 0 else "right", color="#24292f",
                 arrowprops={"arrowstyle": "-", "color": "#c3cad3", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 2},
             )  # fmt: skip
+
+
+def _tone(index: int) -> str:
+    """The palette's colours, and after its end the same ones darker, twice."""
+    return palette.mix(palette.color(index), "#000000", min(0.7, 0.35 * (index // len(palette.COLORS))))
+
+
+def _curve_style(index: int) -> dict[str, Any]:
+    """Colour and dashes of a curve: in each round of the colours the dashes are one further on."""
+    return {"color": _tone(index), "linestyle": _DASHES[(index + index // len(palette.COLORS)) % len(_DASHES)]}
 
 
 def _axes(size, title, xlabel, ylabel):
