@@ -15,7 +15,7 @@ from tutorial_lib.errors import MotionError, MotionFileError
 from tutorial_lib.motion import Motion, Skeleton, read_bvh, read_motion, write_bvh
 from tutorial_lib.motion.files import file_info
 from tutorial_lib.motion.rotations import EULER_ORDERS, quat_angle, quat_normalize
-from tutorial_lib.motion.skeletons import KNOWN_SKELETONS
+from tutorial_lib.motion.skeletons import KNOWN_SKELETONS, recognise
 
 ARM = """HIERARCHY
 ROOT hip
@@ -240,6 +240,33 @@ def test_unit_and_up_axis_are_guessed_from_the_body(tmp_path, capsys, unit, per_
     assert capsys.readouterr().out == ""
     info = "\n".join(file_info(tmp_path / "clip.bvh").lines())
     assert f"{unit} (guessed" in info and f"{up} (guessed" in info and "25 frames per second" in info
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+@pytest.mark.parametrize("names", [
+    {"Foot": "Ankle", "UpLeg": "Hip", "Leg": "Knee"},  # Biovision's
+    {"Foot": "End", "UpLeg": "Hip", "Leg": "Shin"},  # toes alone
+    {"Foot": "End", "Toe": "Tip", "UpLeg": "Hip", "Leg": "Knee"},
+    {"Foot": "End", "Toe": "Tip"},  # legs alone
+])  # fmt: skip
+def test_which_end_is_up_is_seen_from_any_joint_below(tmp_path, names, up):
+    text = body_text(100, up == "z")
+    for old, new in names.items():
+        text = text.replace(old, new)
+    m = read(tmp_path, text, unit=None, up=None, quiet=True)
+    assert recognise(m.skeleton) is None
+    assert m.positions[0, m.skeleton.index("Head"), 1] == pytest.approx(1.6, abs=0.01)
+    assert f"  up axis    {up} (guessed from the body's pose)" in file_info(tmp_path / "clip.bvh").lines()
+
+
+def test_an_up_axis_that_was_not_guessed_is_not_said_to_be(tmp_path, capsys):
+    read(tmp_path, body_text(100, False).replace("Head", "Top"), unit=None, up=None)
+    assert "unit 'cm', up axis 'y' (guessed from the body, y taken as usual)" in capsys.readouterr().out
+    lines = file_info(tmp_path / "clip.bvh").lines()
+    assert "  up axis    y (not told by the file, taken as usual)" in lines
+    read(tmp_path, ARM, up=None)
+    assert capsys.readouterr().out == "clip.bvh: read as unit 'm', up axis 'y' (y taken as usual)\n"
+    assert "  up axis    z" in file_info(tmp_path / "clip.bvh", up="z").lines()
 
 
 def test_z_up_rotations_turn_with_the_world(tmp_path):

@@ -343,6 +343,29 @@ def test_listing(own, samples, tmp_path):
     assert rows["bandai-namco/locomotion"].licence.startswith("CC BY-NC 4.0")
 
 
+@pytest.mark.parametrize("wrong", [b"1.2.3", b".", b"x"])
+def test_a_file_that_does_not_tell_its_length_leaves_out_the_minutes(own, samples, tmp_path, wrong):
+    write_stick(own / "cmu/walking/1.bvh")
+    write_stick(own / "cmu/walking/2.bvh")
+    write_stick(own / "cmu/running/1.bvh")
+    text = (own / "cmu/walking/2.bvh").read_bytes()
+    (own / "cmu/walking/2.bvh").write_bytes(text.replace(b"Frame Time: 0.05", b"Frame Time: " + wrong))
+    rows = {row.name: row for row in data.listing(cache=tmp_path / "cache")}
+    assert rows["cmu/walking"].minutes is None and rows["cmu/walking"].clips == 2
+    assert rows["cmu/running"].minutes == pytest.approx(4 * 0.05 / 60)
+
+
+def test_a_file_that_cannot_be_opened_leaves_out_the_minutes(own, samples, tmp_path, monkeypatch):
+    write_stick(own / "cmu/walking/1.bvh")
+
+    def refuse(path, *_):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(catalog, "open", refuse, raising=False)  # root may read any file
+    rows = {row.name: row for row in data.listing(cache=tmp_path / "cache")}
+    assert rows["cmu/walking"].minutes is None and rows["cmu/walking"].clips == 1
+
+
 # -- a root that never moves ---------------------------------------------------------------------------------
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import pathlib
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,6 +18,7 @@ import pytest
 import torch
 
 from tutorial_lib.cli import main
+from tutorial_lib.cli.files import _labels
 from tutorial_lib.cli.train import SYSTEM_OPTIONS
 from tutorial_lib.motion import Motion, Skeleton, read_bvh, write_bvh
 from tutorial_lib.training import rollout_benchmark
@@ -102,6 +105,40 @@ def test_view_writes_a_page(clips, tmp_path, capsys):
     text = page.read_text()
     assert text.startswith("<!doctype html>") and "swing0" in text and "swing1" in text
     assert str(page) in capsys.readouterr().out
+
+
+def test_files_of_one_name_are_told_apart_by_their_folders(clips, tmp_path, monkeypatch):
+    for name in ("a/01.bvh", "b/01.bvh", "b/02.bvh", "03.bvh"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(clips / "swing0.bvh", tmp_path / name)
+    assert _labels([str(tmp_path / name) for name in ("a/01.bvh", "b/01.bvh", "b/02.bvh")]) == ["a/01", "b/01", "02"]
+    monkeypatch.chdir(tmp_path / "a")
+    assert _labels(["01.bvh", "../b/01.bvh"]) == ["a/01", "b/01"]
+    page = tmp_path / "page.html"
+    assert main(["view", "01.bvh", "../b/01.bvh", "../03.bvh", "-o", str(page)]) == 0
+    assert re.findall(r'"name":"([^"]*)"', page.read_text()) == ["a/01", "b/01", "03"]
+
+
+def test_file_names_that_are_not_utf8(clips, tmp_path, monkeypatch):
+    odd = tmp_path / "caf\udce9.bvh"  # how Python shows the byte E9
+    try:
+        shutil.copy(clips / "swing0.bvh", odd)
+    except OSError:
+        pytest.skip("this file system has no such names")
+    commands = (["info", str(odd)], ["view", str(odd), "-o", str(tmp_path / "\udce9.html")])
+    for command in commands:
+        raw = io.BytesIO()
+        monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding="utf-8", errors="strict"))
+        assert main(command) == 0
+        sys.stdout.flush()
+        assert rb"\udce9" in raw.getvalue()
+    assert r"<title>caf\udce9: " in (tmp_path / "\udce9.html").read_text(encoding="utf-8")
+    for stream in (io.StringIO(), None):  # that of a program around this one, and none at all
+        monkeypatch.setattr(sys, "stdout", stream)
+        assert main(commands[0]) == 0
+    kept = io.TextIOWrapper(io.BytesIO(), encoding="utf-8", errors="surrogateescape")  # as a user chose it
+    monkeypatch.setattr(sys, "stdout", kept)
+    assert main(commands[0]) == 0 and kept.errors == "surrogateescape"
 
 
 def test_data_commands(capsys, monkeypatch, tmp_path, fails):

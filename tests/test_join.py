@@ -82,6 +82,13 @@ def test_a_playlist_has_every_clip_and_other_orders(walks):
         assert np.abs(heights).max(1).min() < 1e-6
 
 
+def test_a_playlist_says_which_clips_it_leaves_out(walks):
+    short = walks[1][:20].with_name("short")
+    with pytest.warns(UserWarning, match="1 of 3 clips left out, too short for three blends of 0.3 s: 'short'$"):
+        whole = playlist([walks[0], short, walks[2]], seconds=1, seed=1)
+    np.testing.assert_array_equal(whole.positions, playlist([walks[0], walks[2]], seconds=1, seed=1).positions)
+
+
 def test_what_cannot_be_joined(walks):
     with pytest.raises(MotionError, match="no clips"):
         join([])

@@ -37,6 +37,21 @@ def test_size_and_names():
     assert pickle.loads(pickle.dumps(m)).skeleton == ONE
 
 
+def test_height_of_a_skeleton_that_nobody_knows():
+    """Upright at rest by its vertical, however far the arms reach; lying by its length, also where it is not flat."""
+
+    def rest(*ends):
+        names = ("root", *"abcdef"[: len(ends)])
+        return Motion(Skeleton(names, (-1,) + (0,) * len(ends), [[0, 0, 0], *ends]), 30, np.zeros((2, len(names), 3)))
+
+    top, foot = [0, 0.9, 0], [0, -0.8, 0]
+    upright = rest(top, foot, [1.1, 0.5, 0], [-1.1, 0.5, 0])
+    assert upright.height == pytest.approx(1.7)
+    assert rest([0.9, 0.01, 0], [-0.8, 0, 0]).height == pytest.approx(1.7)  # bones along x, a little out of line
+    assert rest([0.5, 0.1, 0.9], [-0.5, 0, -0.8]).height == pytest.approx(1.7)
+    assert rest([0.9, 0, 0], [-0.8, 0, 0]).scaled_to(1.54).height == pytest.approx(1.54)
+
+
 def test_nothing_in_it_can_be_changed(small_motion):
     with pytest.raises(ValueError):
         small_motion.positions[0, 0, 0] = 1

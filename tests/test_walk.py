@@ -174,6 +174,14 @@ def test_a_path_from_a_file(tmp_path, capsys):
     assert "wrote 1 file " in capsys.readouterr().out
 
 
+def test_the_first_point_of_a_file_is_not_taken_for_names(tmp_path):
+    file = tmp_path / "drawn.csv"
+    file.write_bytes(b"\xef\xbb\xbf0,0\r\n0,2\r\n2,4\r\n")  # as Excel writes it, with a byte order mark
+    np.testing.assert_array_equal(read_path(file), [[0, 0], [0, 2], [2, 4]])
+    file.write_bytes(b"\xef\xbb\xbfx,z\n0,0\n0,2\n")
+    np.testing.assert_array_equal(read_path(file), [[0, 0], [0, 2]])
+
+
 @pytest.mark.parametrize("text, told", [
     ("", r"path of 0 points: expected at least two, 5 cm apart or more"),
     ("1 2\n", r"path of 1 points: expected at least two"),
@@ -181,6 +189,7 @@ def test_a_path_from_a_file(tmp_path, capsys):
     ("0,0\nnan,1\n", r"path: point 1 is not finite, expected metres"),
     ("0,0\n1\n", r"line 2 is '1', expected two numbers, x and z in metres"),
     ("0,0\n1,2,3\n", r"line 2 is '1,2,3', expected two numbers"),
+    ("1.5,2.O\n0,2\n2,4\n", r"line 1 is '1.5,2.O', expected two numbers, x and z in metres"),
     ("0,0\nend,end\n", r"line 2 is 'end,end', expected two numbers"),
     ("0,0\n1e6,0\n", r"path of 1e\+06 m: expected at most 10000, coordinates in metres"),
 ])  # fmt: skip

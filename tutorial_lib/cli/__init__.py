@@ -27,6 +27,7 @@ __all__ = ["main"]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
+    _print_any_name()
     try:
         options = _parser().parse_args(arguments)
         with warnings.catch_warnings():
@@ -54,6 +55,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         return 130
+
+
+def _print_any_name() -> None:
+    """A file may have a name that is not UTF-8: its odd bytes are then shown as escapes, instead of a traceback."""
+    for stream in (sys.stdout, sys.stderr):
+        # not every stream can: a notebook's or a program's own; and what was chosen (PYTHONIOENCODING) stays
+        if hasattr(stream, "reconfigure") and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _check_launcher(options: argparse.Namespace) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import pathlib
 import sys
 from collections.abc import Sequence
@@ -102,10 +103,20 @@ def _view(options: argparse.Namespace, _: Sequence[str]) -> None:
 
     check_output(options.out, options.files)
     motions = [read_motion(path) for path in options.files]
-    labels = [pathlib.Path(path).stem for path in options.files]
+    labels = _labels(options.files)
     player = show(motions, labels=labels, overlay=options.overlay, seed_frames=options.seed_frames)
     path = player.save(options.out)
     print(f"wrote {path} ({path.stat().st_size / 1e6:.2f} MB)")
+
+
+def _labels(files: Sequence[str]) -> list[str]:
+    """Each file's name without its suffix, after its folder's where two have the same one: ``a/01`` and ``b/01``."""
+    paths = [pathlib.Path(os.path.abspath(file)) for file in files]  # absolute: a folder has a name in "../01.bvh", too
+    stems = [path.stem for path in paths]
+    return [
+        stem if stems.count(stem) == 1 else f"{path.parent.name}/{stem}"
+        for path, stem in zip(paths, stems, strict=True)
+    ]
 
 
 def _data_list(options: argparse.Namespace, _: Sequence[str]) -> None:

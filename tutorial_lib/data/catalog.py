@@ -424,13 +424,16 @@ def listing(*, cache: str | os.PathLike | None = None) -> list[Listed]:
 
 
 def _minutes(paths: list[pathlib.Path]) -> float | None:
-    """Of motion in BVH files, as their headers say; None if one does not tell (AMC files do not)."""
+    """Of motion in BVH files, as their headers say; None if one does not tell (AMC files do not) or cannot be read."""
     seconds = 0.0
     for path in paths:
-        with open(path, "rb") as file:
-            head = file.read(1 << 17) if path.suffix.lower() == ".bvh" else b""
-        told = re.search(rb"Frames:\s*(\d+)\s+Frame Time:\s*([\d.]+(?:[eE][-+]?\d+)?)", head)
-        if not told:
+        try:
+            with open(path, "rb") as file:
+                head = file.read(1 << 17) if path.suffix.lower() == ".bvh" else b""
+            told = re.search(rb"Frames:\s*(\d+)\s+Frame Time:\s*([\d.]+(?:[eE][-+]?\d+)?)", head)
+            if not told:
+                return None
+            seconds += float(told[1]) * float(told[2])
+        except (OSError, ValueError):  # 1.2.3 is no number; `load` says what is wrong with a file
             return None
-        seconds += int(told[1]) * float(told[2])
     return seconds / 60 if paths else None

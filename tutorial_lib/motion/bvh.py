@@ -44,12 +44,16 @@ class _Joint:
 
 @dataclass(frozen=True)
 class BvhGuess:
-    """The unit and the up axis that a file was read with, and whether they were guessed."""
+    """The unit and the up axis that a file was read with, and whether they were guessed.
+
+    up_guessed: from the body's pose. up_assumed: y, as usual, since no joints' names said which end is up.
+    """
 
     unit: str
     up: str
     unit_guessed: bool
     up_guessed: bool
+    up_assumed: bool = False
 
 
 def read_bvh(
@@ -63,8 +67,8 @@ def read_bvh(
     """Read a BVH file as a ``Motion`` in metres, y up.
 
     unit: the file's unit of length, ``"m"``, ``"cm"``, ``"mm"``, ``"in"`` or ``"ft"``; up: its vertical axis,
-        ``"y"`` or ``"z"``. A BVH file tells neither: None guesses them from the size and the pose of the body and
-        prints the guess in one line, unless ``quiet``.
+        ``"y"`` or ``"z"``. A BVH file tells neither: None guesses them from the size and the pose of the body (y
+        where no joints are named as head and feet) and prints the guess in one line, unless ``quiet``.
     end_sites: whether the ends of bones become nodes, named after their joint with ``_end``.
     Position channels give a joint's place in its parent's frame, instead of its OFFSET.
 
@@ -73,8 +77,10 @@ def read_bvh(
     that stand twice, several roots, decimal commas, an empty or binary file.
     """
     motion, guess = read_bvh_with_guess(path, unit=unit, up=up, end_sites=end_sites)
-    if not quiet and (guess.unit_guessed or guess.up_guessed):
-        print(f"{pathlib.Path(path).name}: read as unit {guess.unit!r}, up axis {guess.up!r} (guessed from the body)")
+    if not quiet and (guess.unit_guessed or guess.up_guessed or guess.up_assumed):
+        how = ["guessed from the body"] if guess.unit_guessed or guess.up_guessed else []
+        how += ["y taken as usual"] if guess.up_assumed else []
+        print(f"{pathlib.Path(path).name}: read as unit {guess.unit!r}, up axis {guess.up!r} ({', '.join(how)})")
     return motion
 
 
@@ -104,8 +110,13 @@ def read_bvh_with_guess(
         frozenset(k for k, joint in enumerate(joints) if joint.is_end),
     )
     positions = skeleton.fk(rotations, translations[:, 0], translations if moved else None)
+    seen = None if up else _guess_up(skeleton, positions)
     guess = BvhGuess(
-        unit or _guess_unit(skeleton, positions), up or _guess_up(skeleton, positions), unit is None, up is None
+        unit or _guess_unit(skeleton, positions),
+        up or seen or "y",
+        unit_guessed=unit is None,
+        up_guessed=seen is not None,
+        up_assumed=not (up or seen),
     )
     metres = METRES_PER_UNIT[guess.unit]
     skeleton, positions = skeleton.scaled(metres), positions * metres
@@ -342,15 +353,19 @@ def _guess_unit(skeleton: Skeleton, positions: np.ndarray) -> str:
     return min(("m", "cm", "mm", "in"), key=lambda unit: abs(np.log(size * METRES_PER_UNIT[unit] / 1.6)))
 
 
-def _guess_up(skeleton: Skeleton, positions: np.ndarray) -> str:
-    """The axis along which the head is above the feet, found by their names; y where there are none."""
+def _guess_up(skeleton: Skeleton, positions: np.ndarray) -> str | None:
+    """The axis along which the head is above the feet, found by their names; None where there are none."""
     if recognise(skeleton) is not None:
         at = common_indices(skeleton)
         head, feet = [at["Head"]], [at["LeftFoot"], at["RightFoot"]]
     else:
-        head, feet = ([j for j, name in enumerate(skeleton.names) if part in name.lower()] for part in ("head", "foot"))
+        head, *lowest = (
+            [j for j, name in enumerate(skeleton.names) if part in name.lower()]
+            for part in ("head", "foot", "ankle", "toe", "knee", "leg")  # Biovision's feet are LeftAnkle, RightAnkle
+        )
+        feet = next(filter(None, lowest), None)
         if not head or not feet:
-            return "y"
+            return None
     upright = np.median(positions[:, head].mean(1) - positions[:, feet].mean(1), axis=0)
     return "z" if upright[2] > abs(upright[1]) and upright[2] > abs(upright[0]) else "y"
 

@@ -59,6 +59,7 @@ def file_info(path: str | os.PathLike, *, end_sites: bool = True, **options) -> 
         motion, guess = read_bvh_with_guess(path, end_sites=end_sites, **options)
         unit = guess.unit + (" (guessed from the body's size)" if guess.unit_guessed else "")
         up = guess.up + (" (guessed from the body's pose)" if guess.up_guessed else "")
+        up += " (not told by the file, taken as usual)" if guess.up_assumed else ""
         return FileInfo(path, motion, unit, up)
     if suffix == ".amc":
         skeleton_file = pathlib.Path(options.pop("asf", None) or asf_beside(path))

@@ -228,17 +228,18 @@ def prepared_path(name: str) -> np.ndarray:
 def read_path(file: str | os.PathLike) -> np.ndarray:
     """The points ``(N, 2)`` in a file: a line each, x and z in metres, parted by a comma or by spaces.
 
-    Empty lines and what follows a ``#`` are passed over, and so is a first line of names. Raises ``MotionError``, which
-    names file and line, for what is no path, ``OSError`` for a file that cannot be read.
+    Empty lines and what follows a ``#`` are passed over, and so is a first line of two names without a digit. Raises
+    ``MotionError``, which names file and line, for what is no path, ``OSError`` for a file that cannot be read.
     """
-    points, lines = [], pathlib.Path(file).read_bytes().decode("utf-8", errors="replace").splitlines()
+    # "sig": the mark that Excel and Notepad put before the first number is no part of it
+    points, lines = [], pathlib.Path(file).read_bytes().decode("utf-8-sig", errors="replace").splitlines()
     for number, line in enumerate(lines, start=1):
         words = line.partition("#")[0].replace(",", " ").replace(";", " ").split()
         try:
             values = [float(word) for word in words]
         except ValueError:
-            if number == 1 and len(words) == 2:
-                continue
+            if number == 1 and len(words) == 2 and not any(c.isdigit() for c in "".join(words)):
+                continue  # names; with a digit it is a point with a slip of the pen, not to be lost
             values = []
         if words and len(values) != 2:
             told = line.strip()[:40]

@@ -7,6 +7,7 @@ entered where their poses are most alike, and the two are blended over a moment.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -109,11 +110,19 @@ def playlist(motions: Sequence[Motion], *, seconds: float, blend: float = 0.3, s
     """The clips joined in random order, over and over, for about so many seconds and at least once each.
 
     Each round is another order, so that a clip is followed by different ones; never by itself where there are others.
-    Clips shorter than three blends are left out; ``MotionError`` if none is left.
+    Clips shorter than three blends are left out with one warning; ``MotionError`` if none is left.
     """
-    usable = [motion for motion in motions if len(motion) >= 3 * max(2, round(blend * motion.fps))]
+    usable, too_short = [], []
+    for motion in motions:
+        (usable if len(motion) >= 3 * max(2, round(blend * motion.fps)) else too_short).append(motion)
     if not usable:
         raise MotionError(f"playlist: none of {len(motions)} clips is as long as three blends of {blend:g} s")
+    if too_short:
+        names = ", ".join(repr(m.name) for m in too_short[:5]) + (", ..." if len(too_short) > 5 else "")
+        warnings.warn(
+            f"{len(too_short)} of {len(motions)} clips left out, too short for three blends of {blend:g} s: {names}",
+            stacklevel=2,
+        )
     rng, order, total = np.random.default_rng(seed), [], 0.0
     while not order or total < seconds:
         turn = rng.permutation(len(usable)).tolist()

@@ -88,12 +88,14 @@ def standing_height(skeleton: Skeleton) -> float:
     """Metres from the lowest to the highest node when the figure stands (acRNN section 3: "in neutral pose").
 
     Where the rest pose is that neutral pose, its vertical extent. Some files' rest poses are not (Bandai-Namco's
-    bones all lie along x); for those the straightened length of a leg and of the trunk up to the head.
+    bones all lie along x); for those the straightened length of a leg and of the trunk up to the head, or, of a
+    skeleton whose joints are not known by name, the rest pose's largest extent.
     """
     rest = skeleton.rest_pose()
     extent = float(np.ptp(rest[:, 1]))
     if recognise(skeleton) is None:
-        return extent or float(np.ptp(rest, axis=0).max())
+        largest = float(np.ptp(rest, axis=0).max())
+        return extent if extent > 0.5 * largest else largest  # arms held out may span more than a body is high
     at = common_indices(skeleton)
     bones = ("LeftUpLeg", "LeftLeg"), ("LeftLeg", "LeftFoot"), *zip(_TRUNK, _TRUNK[1:], strict=False)
     chain = sum(float(np.linalg.norm(rest[at[a]] - rest[at[b]])) for a, b in bones)

@@ -47,7 +47,8 @@ class PageOutput:
         )
         try:
             with atomic_write(path) as temporary:
-                temporary.write_text(page, encoding="utf-8")
+                # a title from a file name that is not UTF-8 has characters that cannot be written
+                temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
         except OSError as error:
             raise TutorialError(f"{path}: cannot be written: {error.strerror or error}") from error
         return path
