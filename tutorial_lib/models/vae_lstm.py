@@ -36,7 +36,7 @@ class VAELSTMConfig:
     kernel: int = 25  # frames that a convolution sees, odd; at 60 Hz 0.4 s
     pooling: int = 2  # of each of the two blocks: 240 frames become 60 steps (the paper's "size 1" would not)
     dropout: float = 0.1  # share of the encoders' input numbers that are left out; the paper does not say how many
-    cell: str = "modified"  # or "ordinary": a plain LSTM that reads the code, and learns to ignore it (section 3.3)
+    cell: str = "modified"  # or "ordinary": a plain LSTM that reads the code; the paper finds it ignored (section 3.3)
     latent: str = "per-step"  # or "one": a single code for the whole motion in training, too
 
     def __post_init__(self):

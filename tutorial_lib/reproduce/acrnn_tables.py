@@ -238,8 +238,8 @@ def _failure_row(*found: Mapping[str, Any]) -> list[float | None]:
 def findings(result: Result) -> list[Finding]:
     """The findings of tables 1 and 2 and figures 2, 7 and 9, each held against the result.
 
-    Which of two systems errs less is as the paper's own numbers have it: on walking they have the acLSTM behind. Here it
-    is a comparison of means over the seeds; the differences' standard errors stand in the evidence.
+    Which of two systems errs less is as the paper's own numbers have it: on walking they have the acLSTM behind. Here
+    it is a comparison of means over the seeds; the differences' standard errors stand in the evidence.
     """
     found = []
     late = [k for k, ms in enumerate(result["protocol"]["times_ms"]) if ms >= 400]
