@@ -8,7 +8,7 @@ import hashlib
 import json
 import pathlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from ..generate_futures import generate_futures, reconstruct, reconstruct_sequen
 from ..metrics import foot_joints, foot_slide
 from ..models.dynamic_future_net import STAGES
 from ..motion.clip import Motion, settled_positions
+from ..motion.mirror import mirrored
 from ..recipes import Recipe, recipe_in, trainer_for
 from ..representations import BodyFrame, Representation
 from ..threads import torch_threads
@@ -42,7 +43,7 @@ from .failures import Truth, failures
 from .grid import Report, Run, clips_for, train, trained_with
 from .results import rounded, write_result
 
-DATA_WINDOWS = 4000  # of the training clips, in which a copy is looked for
+DATA_WINDOWS = 4000  # of the training clips at one rate and on one side, in which a copy is looked for
 
 
 def train_and_measure(run: Run, folder: pathlib.Path, plan: Plan, report: Report) -> dict[str, Any]:
@@ -119,7 +120,7 @@ def measure(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, netwo
     found, windows = stability(checkpoint, train_clips, test_clips, protocol)
     return {
         "stability": found,
-        "copies": copies(checkpoint.representation, train_clips, test_clips, windows, protocol),
+        "copies": copies(checkpoint, train_clips, test_clips, windows, protocol),
         "fan": fan(checkpoint, train_clips, test_clips, protocol, network),
         "data": {action: data_fan(checkpoint.representation, clips, protocol) for action, clips in train_clips.items()},
         "transitions": changes(checkpoint, train_clips, test_clips, protocol) if network.joint else None,
@@ -167,27 +168,42 @@ def _slide(representation: Representation, motions: Sequence[np.ndarray]) -> flo
 # --- copies ---------------------------------------------------------------------------------------
 
 
-def copies(representation: Representation, train_clips: Clips, test_clips: Clips, made: np.ndarray,
+def copies(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, made: np.ndarray,
            protocol: Protocol) -> dict[str, Any]:  # fmt: skip
-    """How near generated windows come to the training clips, and how near windows of the clips kept out do.
+    """How near generated windows come to what the network has learnt from, and how near windows of the clips kept out
+    do: also to what it was shown slower, faster or mirrored, for a copy of that is a copy.
 
     ``{"generated": quartiles, "held_out": quartiles}`` in metres; windows of a clip kept out that a network has
     begun with are not in what it made.
     """
+    representation = checkpoint.representation
 
     def windows(clips: Sequence[np.ndarray], stride: int) -> np.ndarray:
         return np.concatenate([windows_of(joints_of(representation, x), protocol.window, stride) for x in clips
                                if len(x) >= protocol.window])  # fmt: skip
 
-    trained = [x for clips in train_clips.values() for x in encoded(representation, clips)]
+    trained = [clip for clips in train_clips.values() for clip in clips]
     held = [x for clips in test_clips.values() for x in encoded(representation, clips)]
     stride = max(1, sum(map(len, trained)) // DATA_WINDOWS)
-    among = windows(trained, stride)
-    found = {"window": protocol.window}
-    for name, clips, every in (("generated", made, 2 * protocol.window), ("held_out", held, protocol.window // 3)):
-        distance = nearest_window(windows(clips, every), among)
-        found[name] = rounded(np.quantile(distance, (0.25, 0.5, 0.75)))
-    return found
+    asked = {"generated": windows(made, 2 * protocol.window), "held_out": windows(held, protocol.window // 3)}
+    nearest = {name: np.full(len(each), np.inf, np.float32) for name, each in asked.items()}
+    for shown in ways_shown(trained, checkpoint.training):
+        among = windows(encoded(representation, shown), stride)
+        for name, each in asked.items():
+            nearest[name] = np.minimum(nearest[name], nearest_window(each, among))
+    return {"window": protocol.window,
+            **{name: rounded(np.quantile(each, (0.25, 0.5, 0.75))) for name, each in nearest.items()}}  # fmt: skip
+
+
+def ways_shown(clips: Sequence[Motion], training: Mapping[str, Any]) -> Iterator[list[Motion]]:
+    """Clips as a training with these settings draws its windows from them: at each of its rates, all told at the clips'
+    own, and mirrored."""
+    sides = [list(clips), [mirrored(clip) for clip in clips]] if training.get("mirror") else [list(clips)]
+    for side in sides:
+        for rate in training.get("rates") or [clips[0].fps]:
+            taken = [clip.resample(rate) for clip in side]
+            yield [Motion(m.skeleton, clip.fps, m.positions, m.rotations, m.name)
+                   for m, clip in zip(taken, side, strict=True)]  # fmt: skip
 
 
 def elsewhere(train_clips: Clips, protocol: Protocol) -> dict[str, list[float]]:

@@ -24,6 +24,10 @@ PUBLISHED = {True: "dfn-samples", False: "dfn-cmu"}  # weights that come with th
 LIMITED = (20, 7)  # seconds of dance; section 6.4 goes down to 7
 SHARES = {"pose_share": 0.45, "future_share": 0.15}  # of the steps; a step of stage 1 costs a fifth of one of stage 3
 JOIN = 0.3  # seconds of blending between CMU clips, of which the shortest has 1.2 s; the samples are long enough
+# Each clip also slower and faster by a fifth, and in its mirror image (ours, not the paper's): six seconds of running
+# in one rhythm are learnt by heart, and runners that never fall out of step have one future.
+RATES = (24.0, 27.0, 30.0, 33.0, 36.0)
+MIRROR = True
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,7 +149,8 @@ class Plan:
             sizes.update(length=100 if not self.quick else 24, pad=True)
         return Recipe(
             network.system, tuple(self.sources[action] for action in network.actions), joints="common",
-            seed=self.seed, options={**options, **network.options, **self.small.get(network.system, {})}, **sizes,
+            rates=RATES, mirror=MIRROR, seed=self.seed,
+            options={**options, **network.options, **self.small.get(network.system, {})}, **sizes,
         )  # fmt: skip
 
     def runs(self) -> list[Run]:

@@ -137,7 +137,7 @@ def _data(result: Result) -> ErrorTable | None:
             rows[action] = [*own["pairwise"], own["band"][-1], 100 * share, 100 * band_share(result, run, action)]
     if not rows:
         return None
-    columns = [f"apart {first}", f"apart {last}", f"band {last}", "% of all poses'", "the network's %"]
+    columns = [f"apart {first}", f"apart {last}", f"band {last}", "% of the action's poses'", "the network's %"]
     return error_table(columns, {"the clips themselves": rows}, best=None, unit="m over the whole pose",
                        caption=f"Places of the data that begin alike, {last} frames later" + note(result))  # fmt: skip
 
