@@ -268,6 +268,22 @@ def test_killed_interrupted_and_whole_runs_are_the_same(clips, tmp_path, capsys,
     assert "already finished" in capsys.readouterr().out
 
 
+def test_a_finished_file_is_not_taken_for_another_run(trained, clips, tmp_path, capsys, fails):
+    out = tmp_path / "x.safetensors"
+    out.write_bytes(trained.read_bytes())
+
+    def resume(*options, system="lstm", data=clips) -> tuple:
+        return "train", system, "--data", data, "--out", out, "--resume", *options
+
+    assert "holds a run with system 'lstm', asked for 'erd'" in fails(*resume(system="erd"))
+    assert "holds a run with steps 8, asked for 9; leave --steps as it was" in fails(*resume(*FAST, "--steps", "9"))
+    assert "holds a run with data" in fails(*resume(data="samples/walking"))
+    capsys.readouterr()
+    assert main([str(a) for a in resume(*FAST)]) == 0
+    assert "already finished, 8 steps" in capsys.readouterr().out
+    assert out.read_bytes() == trained.read_bytes()
+
+
 def test_resume_starts_what_is_not_there(clips, tmp_path):
     out = tmp_path / "x.safetensors"
     assert main(["train", "lstm", "--data", str(clips), "--out", str(out), *FAST, "--resume"]) == 0
