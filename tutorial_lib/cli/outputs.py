@@ -57,11 +57,12 @@ def _identity(path: pathlib.Path) -> tuple[int, int]:
 def _input_files(name: str) -> list[pathlib.Path]:
     """The files behind a checkpoint, a motion file, a folder of them or a data set's name, if they are there."""
     from .. import data
+    from ..data.catalog import files_below
     from ..motion.files import SUFFIXES
 
     path = pathlib.Path(data.where(name) if name in data.names() else name)
     if path.is_dir():
-        return [file for file in path.rglob("*") if file.suffix.lower() in (*SUFFIXES, ".asf") and file.is_file()]
+        return [file for file in files_below(path) if file.suffix.lower() in (*SUFFIXES, ".asf")]
     skeletons = path.parent.glob("*.asf") if path.suffix.lower() == ".amc" else ()
     return [file for file in (path, *skeletons) if file.is_file()]
 
