@@ -275,7 +275,7 @@ def test_a_finished_file_is_not_taken_for_another_run(trained, clips, tmp_path, 
     def resume(*options, system="lstm", data=clips) -> tuple:
         return "train", system, "--data", data, "--out", out, "--resume", *options
 
-    assert "holds a run with system 'lstm', asked for 'erd'" in fails(*resume(system="erd"))
+    assert "holds a run with system 'lstm', asked for 'erd'; leave SYSTEM as it was" in fails(*resume(system="erd"))
     assert "holds a run with steps 8, asked for 9; leave --steps as it was" in fails(*resume(*FAST, "--steps", "9"))
     assert "holds a run with data" in fails(*resume(data="samples/walking"))
     capsys.readouterr()

@@ -331,7 +331,8 @@ def _recipe_there(out: pathlib.Path, given: dict[str, Any]) -> Recipe | None:
 
 
 def _flag(name: str) -> str:
-    return "--lr" if name == "learning_rate" else f"--{name.replace('_', '-')}"
+    """What a setting is called on the command line."""
+    return {"learning_rate": "--lr", "system": "SYSTEM"}.get(name, f"--{name.replace('_', '-')}")
 
 
 def check_replaceable(out: pathlib.Path) -> None:
