@@ -49,6 +49,28 @@ def test_several_writers_of_one_file(tmp_path):
     assert path.read_text() in [letter * 1000 for letter in "abcd"] and os.listdir(tmp_path) == ["a.txt"]
 
 
+def test_a_link_stays_one(tmp_path):
+    """The file that it leads to is written, also where it is not there yet."""
+    link, target = tmp_path / "link.txt", tmp_path / "far" / "a.txt"
+    link.symlink_to("far/a.txt")
+    for text in ("one", "two"):
+        with atomic_write(link) as temporary:
+            assert temporary.parent.samefile(target.parent)
+            temporary.write_text(text)
+        assert link.is_symlink() and target.read_text() == text and os.listdir(target.parent) == ["a.txt"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+def test_what_is_no_file_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("pipe")
+    (tmp_path / "folder").mkdir()
+    for name, told in (("pipe", "a pipe or a device"), ("link", "a pipe or a device"), ("folder", "this is a folder")):
+        with pytest.raises(OSError, match=told), atomic_write(tmp_path / name):
+            raise AssertionError("begun in vain")
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode) and len(os.listdir(tmp_path)) == 3
+
+
 @pytest.mark.skipif(os.name != "posix", reason="permissions as POSIX has them")
 def test_the_result_has_the_usual_permissions(tmp_path):
     (tmp_path / "usual").touch()

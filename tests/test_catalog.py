@@ -1,5 +1,7 @@
 """The catalogue: which names there are, where a data set is looked for, and what ``load`` gives."""
 
+import os
+import pathlib
 import re
 import subprocess
 import sys
@@ -9,7 +11,7 @@ import pytest
 
 from tutorial_lib import data
 from tutorial_lib.data import catalog
-from tutorial_lib.data.catalog import DataSet, EmptyFolder, NotAtHand, drop_static_root
+from tutorial_lib.data.catalog import ClosedFolder, DataSet, EmptyFolder, NotAtHand, drop_static_root
 from tutorial_lib.data.download import RemoteFile
 from tutorial_lib.errors import DataError, MotionFileError
 from tutorial_lib.motion import Motion, Skeleton
@@ -219,6 +221,39 @@ def test_missing_samples_say_how_to_have_them(samples, monkeypatch):
         with pytest.raises(NotAtHand, match="samples/boxing is not at hand.*install from a clone"):
             call("samples/boxing")
     assert data.fetch("samples/walking") == samples / "walking"
+
+
+def test_links_to_folders_are_followed_each_folder_once(own, tmp_path):
+    write_stick(tmp_path / "elsewhere/b/2.bvh", 20)
+    walking = own / "cmu/walking"
+    write_stick(walking / "z/1.bvh", 10)
+    (walking / "linked").symlink_to(tmp_path / "elsewhere")
+    (walking / "a").symlink_to(walking / "z")  # named as it lies there, not as the link that comes first
+    (walking / "z" / "round").symlink_to(walking)
+    (walking / ".hidden").symlink_to(tmp_path / "elsewhere")
+    motions = data.load("cmu/walking", cache=tmp_path)
+    assert [m.name for m in motions] == ["cmu/walking/linked/b/2", "cmu/walking/z/1"]
+    assert [m.positions[0, 0, 0] for m in motions] == pytest.approx([0.2, 0.1])
+
+
+def test_a_folder_that_cannot_be_opened_is_told(own, tmp_path, monkeypatch):
+    """Not left out without a word; the list of all data sets goes on."""
+    write_stick(own / "cmu/walking/open/1.bvh")
+    closed = own / "cmu/walking/closed"
+    write_stick(closed / "2.bvh")
+    scandir = os.scandir
+
+    def refuses(path):  # also as root, whom no permission stops
+        if pathlib.Path(path) == closed:
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", refuses)
+    with pytest.raises(ClosedFolder) as error:
+        data.load("cmu/walking", cache=tmp_path)
+    assert str(error.value) == f"{closed}: cannot be opened (Permission denied), expected a folder of motion files"
+    row = next(row for row in data.listing(cache=tmp_path) if row.name == "cmu/walking")
+    assert (row.at_hand, row.clips, row.path) == ("closed folder", 0, closed)
 
 
 # -- what load gives -----------------------------------------------------------------------------------------

@@ -196,6 +196,24 @@ def test_files_that_are_no_checkpoints(tmp_path, parts):
     refused(path, "not a checkpoint of this library")
 
 
+def test_a_file_that_may_not_be_read_is_told_as_such(tmp_path, parts, monkeypatch):
+    path = tmp_path / "x.safetensors"
+    save_checkpoint(path, **parts)
+
+    def refuses(file, *_, **__):  # also as root, whom no permission stops
+        raise PermissionError(13, "Permission denied", str(file))
+
+    monkeypatch.setattr("builtins.open", refuses)
+    refused(path, f"^{path}: cannot be opened .Permission denied.$")
+
+
+def test_a_header_may_leave_out_where_it_comes_from(tmp_path, parts):
+    path = tmp_path / "x.safetensors"
+    for origin in ({}, {"clips": None, "data": None}, {"clips": [], "data": ["cmu/salsa", "cmu/indian"]}):
+        save_checkpoint(path, **{**parts, "provenance": origin})
+        assert load_checkpoint(path).provenance == origin == read_header(path)["provenance"]
+
+
 def test_nothing_in_a_pickle_is_run(tmp_path):
     class Bomb:
         def __reduce__(self):
@@ -227,7 +245,17 @@ def test_truncated(tmp_path, parts, keep):
         ({"training": None}, "lacks 'training'"),
         ({"model": '{"dim": 21, "hidden": 8, "layers": 2, "width": 1}'}, "header is damaged.*width"),
         ({"model": '{"dim": 21, "hidden": "8", "layers": 2}'}, "hidden must be a whole number"),
-        ({"model": "[]"}, "header is damaged"),
+        ({"model": "[]"}, "header is damaged .model is not an object"),
+        ({"training": "[1]"}, "header is damaged .training is not an object"),
+        ({"training": "null"}, "header is damaged .training is not an object"),
+        ({"provenance": None}, "lacks 'provenance'"),
+        ({"provenance": "null"}, "header is damaged .provenance is not an object"),
+        ({"provenance": '{"clips": 5}'}, "header is damaged .provenance's clips is not a list of texts"),
+        ({"provenance": '{"clips": "ab"}'}, "header is damaged .provenance's clips is not a list of texts"),
+        ({"provenance": '{"clips": ["a", 5]}'}, "header is damaged .provenance's clips is not a list of texts"),
+        ({"provenance": '{"test_clips": [null]}'}, "header is damaged .provenance's test_clips is not a list of texts"),
+        ({"provenance": '{"data": 5}'}, "header is damaged .provenance's data is neither a text nor a list of texts"),
+        ({"provenance": '{"data": [5]}'}, "header is damaged .provenance's data is neither a text nor a list of texts"),
         ({"model": "[" * 100_000}, "header's model is no JSON"),
         ({"model": '{"dim": 21, "hidden": 100000000000, "layers": 2}'}, "header is damaged"),
         ({"representation": '{"name": "positions"}'}, "header is damaged.*fps"),
@@ -254,11 +282,14 @@ def test_headers_that_do_not_fit(tmp_path, parts, header, message):
         ({"model.readout.bias": torch.zeros(20)}, r"shape \(20,\), expected \(21,\)"),
         ({"model.extra": torch.zeros(1)}, "has the weights extra"),
         ({"model.readout.bias": torch.full((21,), torch.nan)}, "not all finite"),
+        ({"model.readout.bias": torch.zeros(21, dtype=torch.int32)}, "of type int32, expected floating-point numbers"),
         ({"normalizer.std": None}, "normalizer without std"),
         ({"normalizer.std": torch.zeros(21)}, "above zero"),
         ({"normalizer.mean": torch.zeros(5), "normalizer.std": torch.ones(5)}, "do not agree.*normaliser 5"),
         ({"seed_frames": torch.zeros(4, 21)}, "seed_frames must be"),
         ({"seed_frames": torch.zeros(1, 4, 20)}, "do not agree.*seed 20"),
+        ({"seed_frames": torch.full((1, 4, 21), torch.nan)}, "seed_frames are not all finite"),
+        ({"seed_frames": torch.zeros(1, 4, 21, dtype=torch.int64)}, "seed_frames are of type int64"),
     ],
 )  # fmt: skip
 def test_tensors_that_do_not_fit(tmp_path, parts, tensors, message):

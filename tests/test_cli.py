@@ -308,6 +308,22 @@ def test_killed_interrupted_and_whole_runs_are_the_same(clips, tmp_path, capsys,
     assert "already finished" in capsys.readouterr().out
 
 
+def test_a_finished_file_is_not_taken_for_another_run(trained, clips, tmp_path, capsys, fails):
+    out = tmp_path / "x.safetensors"
+    out.write_bytes(trained.read_bytes())
+
+    def resume(*options, system="lstm", data=clips) -> tuple:
+        return "train", system, "--data", data, "--out", out, "--resume", *options
+
+    assert "holds a run with system 'lstm', asked for 'erd'; leave SYSTEM as it was" in fails(*resume(system="erd"))
+    assert "holds a run with steps 8, asked for 9; leave --steps as it was" in fails(*resume(*FAST, "--steps", "9"))
+    assert "holds a run with data" in fails(*resume(data="samples/walking"))
+    capsys.readouterr()
+    assert main([str(a) for a in resume(*FAST)]) == 0
+    assert "already finished, 8 steps" in capsys.readouterr().out
+    assert out.read_bytes() == trained.read_bytes()
+
+
 def test_resume_starts_what_is_not_there(clips, tmp_path):
     out = tmp_path / "x.safetensors"
     assert main(["train", "lstm", "--data", str(clips), "--out", str(out), *FAST, "--resume"]) == 0
@@ -678,6 +694,38 @@ def test_nothing_is_left_when_writing_fails(trained, tmp_path, monkeypatch, fail
     calls.clear()
     told = fails("generate", trained, "--count", "3", "--frames", "5", "-o", tmp_path / "made")
     assert told == f"error: {tmp_path / 'made'}: No space left on device"  # not a temporary folder
+
+
+def test_a_full_disk_is_told_by_the_name_of_the_folder(trained, tmp_path, monkeypatch, fails):
+    """``write_bvh`` tells the file that it could not write, which lies in a temporary folder."""
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tutorial_lib.motion.bvh.np.savetxt", full)
+    made = tmp_path / "made"
+    told = fails("generate", trained, "--frames", "5", "-o", made)
+    assert told == f"error: {made / 'swing-01.bvh'}: cannot be written (No space left on device)"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+def test_what_is_in_the_place_of_an_output_is_told_before_the_work(trained, clips, tmp_path, monkeypatch, fails):
+    """A folder in the place of the second file left the first one, and a pipe became a file."""
+    made, pipe = tmp_path / "made", tmp_path / "pipe"
+    (made / "swing-02.bvh").mkdir(parents=True)
+    os.mkfifo(pipe)
+    for path in ("tutorial_lib.generate.generate_each", "tutorial_lib.view.show"):
+        monkeypatch.setattr(path, lambda *_, **__: pytest.fail("made in vain"))
+    folder = f"error: {made / 'swing-02.bvh'}: expected a file to write, this is a folder"
+    assert fails("generate", trained, "--count", "3", "--frames", "5", "-o", made) == folder
+    for command in [
+        ("view", clips / "swing0.bvh", "-o", pipe),
+        ("train", "lstm", "--data", clips, "--out", pipe, *FAST),
+        ("evaluate", trained, "--data", clips, "--json", pipe),
+    ]:
+        assert fails(*command) == f"error: {pipe}: expected a regular file to write, this is a pipe or a device"
+    assert [p.name for p in made.iterdir()] == ["swing-02.bvh"] and pipe.is_fifo()
 
 
 def test_help_is_quick_and_light():

@@ -306,6 +306,44 @@ def test_different_skeletons_need_the_common_joints(other_skeleton, tmp_path):
         assert evaluate(checkpoint, clips, count=2, frames=30)["seeds"] == 2
 
 
+def test_clips_behind_links_have_the_names_of_their_links(small_skeleton, tmp_path):
+    """A folder of chosen clips, linked from wherever they lie, is a data set like any other."""
+    real, chosen = tmp_path / "real", tmp_path / "chosen"
+    for folder in (real, chosen, tmp_path / "far" / "off"):
+        folder.mkdir(parents=True)
+    for file in (real / "a.bvh", tmp_path / "far" / "off" / "b.bvh"):
+        write_bvh(leaning(40, 0.1, small_skeleton), file)
+        (chosen / f"my_{file.name}").symlink_to(file)
+    (chosen / "sub").symlink_to(real)
+    assert [m.name for m in load_clips(str(chosen))] == ["chosen/my_a", "chosen/my_b", "chosen/sub/a"]
+    assert [m.name for m in load_clips(str(chosen / "my_b.bvh"))] == ["chosen/my_b"]
+    (tmp_path / "link").symlink_to(real)
+    assert [m.name for m in load_clips(str(tmp_path / "link"))] == ["real/a"]  # the folder's own name
+
+
+def test_no_clip_is_in_two_data_sets(small_skeleton, tmp_path, monkeypatch):
+    """Kept out of the one it would be trained on in the other."""
+    monkeypatch.setenv("TUTORIAL_DATA", str(tmp_path))
+    folder, other = tmp_path / "cmu" / "boxing", tmp_path / "other" / "boxing"
+    for place in (folder, other):
+        place.mkdir(parents=True)
+        for name in ("1.bvh", "2.bvh"):
+            write_bvh(leaning(40, 0.1, small_skeleton), place / name)
+    (tmp_path / "link").mkdir()
+    (tmp_path / "link" / "mine.bvh").symlink_to(folder / "2.bvh")
+    for again, file in [
+        (f"{folder}/", folder / "1.bvh"), (f"{folder}/../boxing", folder / "../boxing/1.bvh"),
+        (str(folder / "2.bvh"), folder / "2.bvh"), (str(tmp_path / "link"), tmp_path / "link" / "mine.bvh"),
+    ]:  # fmt: skip
+        for first in ("cmu/boxing", str(folder)):
+            with pytest.raises(DataError, match="in data set") as caught:
+                sets_of(small("lstm", (first, again)))
+            assert str(caught.value).startswith(f"{file}: is in data set {first!r} and in {again!r}")
+    with pytest.raises(DataError, match="in data set"):
+        sets_of(small("lstm", (str(folder / "2.bvh"), str(folder))))
+    assert len(sets_of(small("lstm", ("cmu/boxing", str(other))))) == 2  # other clips of the same names
+
+
 def test_common_joints_of_an_unknown_skeleton(small_motion, tmp_path):
     write_bvh(small_motion, tmp_path / "a.bvh")
     with pytest.raises(MotionError, match="unknown skeleton .root, spine"):

@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import pathlib
 import secrets
 from collections.abc import Iterator
+
+
+def check_file(path: str | os.PathLike) -> None:
+    """What is in the place of a file to write may only be a regular file; else ``OSError``.
+
+    A pipe or a device would not be written to but replaced, ``/dev/null`` for everybody.
+    """
+    path = pathlib.Path(path)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "expected a file to write, this is a folder", str(path))
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "expected a regular file to write, this is a pipe or a device", str(path))
 
 
 @contextlib.contextmanager
@@ -14,9 +27,15 @@ def atomic_write(path: str | os.PathLike) -> Iterator[pathlib.Path]:
     """Give a temporary path beside ``path``; move it there when the block ends without an error.
 
     A reader of ``path`` sees the old file or the new one, never half of one. When the block raises,
-    the temporary file is removed and ``path`` stays as it was. The folder is made if it is missing.
+    the temporary file is removed and ``path`` stays as it was. The folder is made if it is missing. A link
+    stays one: the file that it leads to is replaced.
+
+    Raises ``OSError`` where ``path`` is a folder, a pipe or a device, or cannot be written.
     """
     path = pathlib.Path(path)
+    check_file(path)
+    if path.is_symlink():
+        path = pathlib.Path(os.path.realpath(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}.tmp")
     # not by ``mkstemp``, whose files only their owner reads: a result should be readable as usual

@@ -220,33 +220,54 @@ def differences(asked: Recipe, there: Recipe) -> dict[str, tuple[Any, Any]]:
 def load_clips(name: str) -> list[Motion]:
     """A named data set, or motion files of the user's own; sorted by name.
 
-    Raises :class:`DataError` for a name that is neither, a data set not at hand or a folder without motion files.
+    Raises :class:`DataError` for a name that is neither, a data set not at hand, a folder without motion files or
+    one that cannot be opened.
     """
     from . import data
-    from .data.catalog import motion_files, read_clip
+    from .data.catalog import read_clip
 
-    path = pathlib.Path(name)
-    if name in data.names() or not path.exists():
+    if _in_catalogue(name):
         return data.load(name)
-    files = motion_files(path) if path.is_dir() else [path]
+    files, path = _files_of(name), pathlib.Path(name)
     if not files:
         raise DataError(f"{name}: the folder holds no motion file, expected .bvh, or .amc with its .asf")
-    # named as the catalogue would, folder and file, so that a clip is known again however it was asked for
-    root = (path if path.is_dir() else path.parent).resolve().parent
-    return [read_clip(file).with_name(file.resolve().relative_to(root).with_suffix("").as_posix()) for file in files]
+    # named as the catalogue would, folder and file, so that a clip is known again however it was asked for;
+    # of a link to a file it is the link's name
+    folder = path if path.is_dir() else path.parent
+    root = pathlib.PurePath(folder.resolve().name)
+    return [read_clip(f).with_name((root / f.relative_to(folder)).with_suffix("").as_posix()) for f in files]
+
+
+def _in_catalogue(name: str) -> bool:
+    """Whether a name is for the catalogue, which also tells what is wrong with it."""
+    from . import data
+
+    return name in data.names() or not pathlib.Path(name).exists()
+
+
+def _files_of(name: str) -> list[pathlib.Path]:
+    """The motion files behind the name of a data set at hand, a folder or a file."""
+    from .data.catalog import motion_files, paths_of
+
+    path = pathlib.Path(name)
+    if _in_catalogue(name):
+        return paths_of(name)
+    return motion_files(path) if path.is_dir() else [path]
 
 
 def sets_of(recipe: Recipe) -> list[tuple[list[Motion], list[Motion]]]:
     """For each data set of the recipe its (training clips, test clips), on the ground and as tall as asked for.
 
     A data set of a single clip is trained on whole, with a warning. Raises :class:`DataError` for data that is not
-    at hand, :class:`MotionError` for data sets of different skeletons, or of one that has no common joints.
+    at hand or a clip that is in two data sets, :class:`MotionError` for data sets of different skeletons, or of one
+    that has no common joints.
     """
     from .data.windows import split_clips
     from .generate import prepare
     from .motion.retarget import to_common
 
     loaded = [load_clips(name) for name in recipe.data]
+    _check_apart(recipe.data)
     if recipe.joints == "common":
         loaded = [[to_common(motion) for motion in motions] for motions in loaded]
     for name, motions in zip(recipe.data[1:], loaded[1:], strict=True):
@@ -263,6 +284,23 @@ def sets_of(recipe: Recipe) -> list[tuple[list[Motion], list[Motion]]]:
                 warnings.warn(f"{of}a single clip, trained on whole: nothing is kept out for evaluation", stacklevel=2)
         sets.append((train, test))
     return sets
+
+
+def _check_apart(names: Sequence[str]) -> None:
+    """No file may be in two data sets, however they are spelt: kept out of one it would be trained on in the other."""
+    taken: dict[tuple[int, int], str] = {}  # by device and number, which links share
+    for name in names:
+        mine = {}
+        for file in _files_of(name):
+            status = file.stat()
+            key = (status.st_dev, status.st_ino)
+            if key in taken:
+                raise DataError(
+                    f"{file}: is in data set {taken[key]!r} and in {name!r}, each clip may be in one only, "
+                    "or it could be kept out and trained on"
+                )
+            mine[key] = name
+        taken |= mine
 
 
 def _check_same_skeleton(name: str, one: Skeleton, other_name: str, other: Skeleton) -> None:

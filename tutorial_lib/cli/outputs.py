@@ -11,17 +11,16 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 
-from ..errors import TutorialError
+from ..atomic import check_file
+from ..errors import MotionError, TutorialError
 
 
 def check_output(name: str, inputs: Sequence[str]) -> None:
     """A file that cannot be written, or that is one of the inputs, is told before the work, not after it."""
     check_named(name)
     path = pathlib.Path(name)
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "expected a file to write, this is a folder", str(path))
-    check_folder(path.absolute().parent)
-    check_not_input([path], inputs)
+    check_outputs([path], inputs)
+    check_folder(pathlib.Path(os.path.realpath(path)).parent)  # of a link, where it leads to
 
 
 def check_named(name: str) -> None:
@@ -36,6 +35,13 @@ def check_folder(folder: pathlib.Path) -> None:
         raise NotADirectoryError(errno.ENOTDIR, "expected a folder, this is a file", str(there))
     if not os.access(there, os.W_OK | os.X_OK):
         raise PermissionError(errno.EACCES, "the folder cannot be written to", str(there))
+
+
+def check_outputs(outputs: Sequence[pathlib.Path], inputs: Sequence[str]) -> None:
+    """That none of the files to write is a folder, a pipe or a device, or one of the inputs."""
+    for path in outputs:
+        check_file(path)
+    check_not_input(outputs, inputs)
 
 
 def check_not_input(outputs: Sequence[pathlib.Path], inputs: Sequence[str]) -> None:
@@ -57,11 +63,12 @@ def _identity(path: pathlib.Path) -> tuple[int, int]:
 def _input_files(name: str) -> list[pathlib.Path]:
     """The files behind a checkpoint, a motion file, a folder of them or a data set's name, if they are there."""
     from .. import data
+    from ..data.catalog import files_below
     from ..motion.files import SUFFIXES
 
     path = pathlib.Path(data.where(name) if name in data.names() else name)
     if path.is_dir():
-        return [file for file in path.rglob("*") if file.suffix.lower() in (*SUFFIXES, ".asf") and file.is_file()]
+        return [file for file in files_below(path) if file.suffix.lower() in (*SUFFIXES, ".asf")]
     skeletons = path.parent.glob("*.asf") if path.suffix.lower() == ".amc" else ()
     return [file for file in (path, *skeletons) if file.is_file()]
 
@@ -70,7 +77,7 @@ def _input_files(name: str) -> list[pathlib.Path]:
 def whole_folder(folder: pathlib.Path) -> Iterator[pathlib.Path]:
     """A temporary folder whose files move to ``folder`` when the block ends without an error, else vanish.
 
-    An ``OSError`` names ``folder``, for the temporary one means nothing to a user.
+    An ``OSError`` or ``MotionError`` names ``folder``, for the temporary one means nothing to a user.
     """
     temporary = None
     try:
@@ -83,6 +90,10 @@ def whole_folder(folder: pathlib.Path) -> Iterator[pathlib.Path]:
             os.replace(file, folder / file.name)
     except OSError as error:
         raise OSError(error.errno, error.strerror or str(error), str(folder)) from error
+    except MotionError as error:  # as ``write_bvh`` tells that a file cannot be written
+        if temporary is None or str(temporary) not in str(error):
+            raise
+        raise MotionError(str(error).replace(str(temporary), str(folder))) from error
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import CheckpointError, DataError, TutorialError
 from .options import MOST, OWN_DATA, add_command, add_device, add_weights, number, open_weights, use_threads, whole
-from .outputs import check_folder, check_named, check_not_input, check_output, whole_folder
+from .outputs import check_folder, check_named, check_output, check_outputs, whole_folder
 
 if TYPE_CHECKING:
     import numpy as np
@@ -156,7 +156,7 @@ def _generate(options: argparse.Namespace, _: Sequence[str]) -> None:
     sources = [] if options.data is None else [options.data]
     if options.data is None and checkpoint.seed_frames is None:
         sources = _data_of(checkpoint)
-    check_not_input([out / name for name in names], [str(checkpoint.path), *sources])
+    check_outputs([out / name for name in names], [str(checkpoint.path), *sources])
     if options.clean and checkpoint.representation is not None:
         legs(checkpoint.representation.skeleton)  # an unknown one is told before the work
     seeds = _seed_clips(checkpoint, sources)
@@ -205,7 +205,7 @@ def _walk(options: argparse.Namespace, _: Sequence[str]) -> None:
     checkpoint = open_weights(options)
     digits = max(2, len(str(options.count)))
     names = [f"walk-{k:0{digits}d}.bvh" for k in range(1, options.count + 1)]
-    check_not_input([out] if page else [out / name for name in names], [str(checkpoint.path), *files])
+    check_outputs([out] if page else [out / name for name in names], [str(checkpoint.path), *files])
     motions = walk(
         checkpoint, path, options.pace, count=options.count, seed=options.seed, clean=not options.raw,
         rest=options.rest, progress=options.count > 1,

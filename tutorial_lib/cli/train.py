@@ -303,15 +303,14 @@ def _finish(trainer: Trainer) -> int:
 
 
 def _recipe_there(out: pathlib.Path, given: dict[str, Any]) -> Recipe | None:
-    """The recipe of the unfinished run in ``out``, which must have all that was ``given``; ``None``: it is finished."""
+    """The recipe of the run in ``out``, which must have all that was ``given``; ``None``: that run is finished.
+
+    Raises ``CheckpointError`` for a run of other settings, finished or not, and a file that does not tell them.
+    """
     from ..recipes import recipe_in
     from ..training.checkpoints import read_header
 
     header = read_header(out)
-    training = header["training"]
-    if not header["resumable"] and training.get("status") == "finished":
-        print(f"{out}: already finished, {training.get('steps_done')} steps")
-        return None
     try:
         recipe = recipe_in(header)
     except CheckpointError as error:
@@ -324,11 +323,16 @@ def _recipe_there(out: pathlib.Path, given: dict[str, Any]) -> Recipe | None:
                 f"{out}: holds a run with {name} {there!r}, asked for {value!r}; "
                 f"leave {_flag(name)} as it was, or take another --out"
             )
+    training = header["training"]
+    if not header["resumable"] and training.get("status") == "finished":  # only now: it may be of another run
+        print(f"{out}: already finished, {training.get('steps_done')} steps")
+        return None
     return recipe
 
 
 def _flag(name: str) -> str:
-    return "--lr" if name == "learning_rate" else f"--{name.replace('_', '-')}"
+    """What a setting is called on the command line."""
+    return {"learning_rate": "--lr", "system": "SYSTEM"}.get(name, f"--{name.replace('_', '-')}")
 
 
 def check_replaceable(out: pathlib.Path) -> None:

@@ -14,6 +14,8 @@ import json
 import os
 import pathlib
 import re
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +52,14 @@ class EmptyFolder(DataError):
         expected = "expected .bvh, or .amc with its .asf"
         super().__init__(f"{name}: the folder {folder} holds no motion file, {expected}")
         self.folder = folder
+
+
+class ClosedFolder(DataError):
+    """A folder, of a data set or in one, that cannot be opened."""
+
+    def __init__(self, folder: str | os.PathLike, reason: str):
+        super().__init__(f"{folder}: cannot be opened ({reason}), expected a folder of motion files")
+        self.folder = pathlib.Path(folder)
 
 
 @dataclass(frozen=True)
@@ -95,8 +105,8 @@ class Listed:
     """A row of ``listing``: minutes and megabytes are None where they are not known.
 
     at_hand: ``"TUTORIAL_DATA"``, ``"cache"``, ``"data_samples"``, ``"to download"``, ``"missing"`` (samples
-    without a checkout) or ``"empty folder"``.
-    path: the folder the data set is read from, or would be downloaded into.
+    without a checkout), ``"empty folder"`` or ``"closed folder"``.
+    path: the folder the data set is read from, or would be downloaded into, or the one that is closed.
     """
 
     name: str
@@ -178,21 +188,45 @@ def data_folder() -> pathlib.Path | None:
 
 
 def motion_files(folder: pathlib.Path) -> list[pathlib.Path]:
-    """The motion files (``.bvh``, ``.amc``) in ``folder`` and below, sorted by path, without hidden ones."""
-    found = [
-        p
-        for p in folder.rglob("*")
-        if p.suffix.lower() in SUFFIXES
-        and p.is_file()
-        and not any(part.startswith(".") for part in p.relative_to(folder).parts)
-    ]
+    """The motion files (``.bvh``, ``.amc``) in ``folder`` and below, sorted by path, without hidden ones.
+
+    Links to folders are followed. Raises ``ClosedFolder`` for one that cannot be opened.
+    """
+    found = [p for p in files_below(folder) if p.suffix.lower() in SUFFIXES]
     return sorted(found, key=lambda p: p.relative_to(folder).as_posix())
+
+
+def files_below(folder: pathlib.Path) -> Iterator[pathlib.Path]:
+    """The files in ``folder`` and below, without hidden ones; each folder once, whatever links lead to it.
+
+    Raises ``ClosedFolder`` for a folder that cannot be opened.
+    """
+    todo, seen = deque([folder]), set()  # links wait at the end: what lies here keeps its own name
+    while todo:
+        place, files = todo.popleft(), []
+        try:
+            status = place.stat()
+            if (status.st_dev, status.st_ino) in seen:
+                continue
+            seen.add((status.st_dev, status.st_ino))
+            with os.scandir(place) as entries:
+                visible = sorted((e for e in entries if not e.name.startswith(".")), key=lambda e: e.name)
+            for entry in visible:
+                path = place / entry.name
+                if entry.is_dir():
+                    (todo.append if entry.is_symlink() else todo.appendleft)(path)
+                elif entry.is_file():
+                    files.append(path)
+        except OSError as error:
+            raise ClosedFolder(place, error.strerror or str(error)) from None
+        yield from files
 
 
 def _find(data_set: DataSet, cache: pathlib.Path) -> tuple[str, pathlib.Path, list[pathlib.Path]] | None:
     """Where ``data_set`` is at hand: place, folder and motion files; None if it is not.
 
-    A folder of the user's own, or of the checkout, that is there but holds no motion raises ``EmptyFolder``.
+    A folder of the user's own, or of the checkout, that is there but holds no motion raises ``EmptyFolder``, one
+    that cannot be opened ``ClosedFolder``.
     """
     own = data_folder()
     places = [] if own is None else [(DATA, own / data_set.folder)]
@@ -211,6 +245,15 @@ def _find(data_set: DataSet, cache: pathlib.Path) -> tuple[str, pathlib.Path, li
 
 def _cached_motions(data_set: DataSet, cache: pathlib.Path) -> list[pathlib.Path]:
     return [cache / n for n in sorted(f.name for f in data_set.files) if n.endswith(SUFFIXES)]
+
+
+def paths_of(name: str | DataSet, *, cache: str | os.PathLike | None = None) -> list[pathlib.Path]:
+    """The motion files that ``load`` reads for ``name``, sorted; none if it is not at hand.
+
+    Raises ``DataError`` for an unknown name, and for a folder that is empty or cannot be opened.
+    """
+    found = _find(entry(name), _cache(cache))
+    return found[2] if found else []
 
 
 def where(name: str | DataSet, *, cache: str | os.PathLike | None = None) -> pathlib.Path:
@@ -285,8 +328,9 @@ def load(
     Looked for in the folder TUTORIAL_DATA, then in the cache (default: the user's), then downloaded.
     limit: the first so many clips only. fps: resampled to so many frames a second.
 
-    Raises ``DataError`` for an unknown name, a TUTORIAL_DATA that does not exist or a folder without motion
-    in it; ``NotAtHand`` if it cannot be had; ``MotionFileError`` for a file that cannot be read.
+    Raises ``DataError`` for an unknown name, a TUTORIAL_DATA that does not exist, a folder without motion
+    in it or one that cannot be opened; ``NotAtHand`` if it cannot be had; ``MotionFileError`` for a file that
+    cannot be read.
     """
     return _load(name, limit, fps, cache)[0]
 
@@ -402,6 +446,8 @@ def listing(*, cache: str | os.PathLike | None = None) -> list[Listed]:
             found = _find(data_set, cache)
         except EmptyFolder as error:
             found = "empty folder", error.folder, []
+        except ClosedFolder as error:
+            found = "closed folder", error.folder, []
         place, folder, paths = found or ("to download" if data_set.files else "missing", None, [])
         published = not found or place == "cache"
         minutes = data_set.minutes if published else _minutes(paths)

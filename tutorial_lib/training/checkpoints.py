@@ -151,13 +151,14 @@ def save_checkpoint(
 def load_checkpoint(path: str | os.PathLike, *, device: str | torch.device = "cpu") -> Checkpoint:
     """Open a checkpoint, finished or not, and build its network, ready to use.
 
-    Raises :class:`CheckpointError`, in one line, for a file that is missing, is not safetensors or is cut
-    off, has another format version, an unknown system, missing or superfluous weights or other shapes.
+    Raises :class:`CheckpointError`, in one line, for a file that is missing, cannot be opened, is not safetensors
+    or is cut off, has another format version, a damaged header, an unknown system, missing or superfluous weights,
+    weights of other shapes or kinds, or numbers that are not finite.
     """
     header, tensors = _read(path, with_state=False)
     try:
         system, config = header["system"], header["model"]
-        training, origin = dict(header["training"]), dict(header["provenance"])
+        training, origin = header["training"], header["provenance"]
         model = empty_model(system, config)
         representation = header["representation"]
         if representation is not None:
@@ -187,6 +188,8 @@ def load_checkpoint(path: str | os.PathLike, *, device: str | torch.device = "cp
     seed_frames = tensors.get("seed_frames")
     if seed_frames is not None and seed_frames.ndim != 3:
         raise CheckpointError(f"{path}: seed_frames must be (motions, frames, numbers), not {tuple(seed_frames.shape)}")
+    if seed_frames is not None:
+        _check_numbers(path, "seed_frames", seed_frames)
     widths = {
         "the network": getattr(model.config, "dim", None),
         "the representation": None if representation is None else representation.dim,
@@ -206,7 +209,8 @@ def load_checkpoint(path: str | os.PathLike, *, device: str | torch.device = "cp
 def read_header(path: str | os.PathLike) -> dict[str, Any]:
     """The header of a checkpoint (see the top of this module) without its tensors.
 
-    ``header["resumable"]`` says whether the file carries a training state.
+    ``header["resumable"]`` says whether the file carries a training state. Raises :class:`CheckpointError` for a file
+    that is missing, cannot be opened or is no checkpoint, or whose header is damaged.
     """
     header, _ = _read(path, with_state=False, with_tensors=False)
     return header
@@ -232,6 +236,11 @@ def _read(
         raise CheckpointError(f"{path}: there is no such file")
     if not os.path.isfile(path):
         raise CheckpointError(f"{path}: expected a checkpoint file, this is a folder")
+    try:
+        with open(path, "rb"):  # what forbids it is told here; safetensors calls every such file absent
+            pass
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be opened ({error.strerror})") from None
     tensors = {}
     try:
         with safe_open(path, framework="pt") as file:
@@ -256,11 +265,30 @@ def _read(
             header[name] = json.loads(text)
         except (ValueError, RecursionError) as error:
             raise CheckpointError(f"{path}: the header's {name} is no JSON ({_one_line(error)})") from None
+    _check_header(path, header)
     return header, tensors
 
 
+def _check_header(path: str | os.PathLike, header: Mapping[str, Any]) -> None:
+    """The kinds of what everybody reads in a header; what a network is built from is checked as it is built."""
+    for name in ("model", "training", "provenance"):
+        if name not in header:
+            raise CheckpointError(f"{path}: the header lacks {name!r}")
+        if not isinstance(header[name], dict):
+            raise CheckpointError(f"{path}: the header is damaged ({name} is not an object)")
+    origin = header["provenance"]
+    for name in ("clips", "test_clips", "data"):  # each may be missing or null
+        told = origin.get(name)
+        if told is None or (name == "data" and isinstance(told, str)):
+            continue
+        if not isinstance(told, list) or not all(isinstance(text, str) for text in told):
+            kind = "neither a text nor a list of texts" if name == "data" else "not a list of texts"
+            raise CheckpointError(f"{path}: the header is damaged (provenance's {name} is {kind})")
+
+
 def _check_weights(path: str | os.PathLike, model: nn.Module, weights: Mapping[str, Tensor]) -> None:
-    expected = {name: tuple(value.shape) for name, value in model.state_dict().items()}
+    own = model.state_dict()
+    expected = {name: tuple(value.shape) for name, value in own.items()}
     if missing := sorted(expected.keys() - weights.keys()):
         raise CheckpointError(
             f"{path}: the weights lack {missing[0]} of shape {expected[missing[0]]}"
@@ -273,8 +301,17 @@ def _check_weights(path: str | os.PathLike, model: nn.Module, weights: Mapping[s
             raise CheckpointError(
                 f"{path}: the weights {name} have shape {tuple(weights[name].shape)}, expected {shape}"
             )
-        if not torch.isfinite(weights[name]).all():
-            raise CheckpointError(f"{path}: the weights {name} are not all finite numbers")
+        _check_numbers(path, f"the weights {name}", weights[name], own[name].is_floating_point())
+
+
+def _check_numbers(path: str | os.PathLike, what: str, values: Tensor, floating: bool = True) -> None:
+    """Finite, and floating-point numbers (of any precision) or whole ones as expected."""
+    if values.is_floating_point() != floating:
+        kind = "floating-point" if floating else "whole"
+        there = str(values.dtype).removeprefix("torch.")
+        raise CheckpointError(f"{path}: {what} are of type {there}, expected {kind} numbers")
+    if not torch.isfinite(values).all():
+        raise CheckpointError(f"{path}: {what} are not all finite numbers")
 
 
 def _pack(tree: Any, name: str, tensors: dict[str, Tensor]) -> Any:
