@@ -3,7 +3,8 @@
 What is trained
     The Dynamic Future Net on walking, running, boxing and dancing, together and each alone; on 20 s and 7 s of dance;
     together without the future state, and without the temporal-difference loss; beside it the acLSTM and the VAE-LSTM
-    on the same clips. Sizes and steps stand in :mod:`tutorial_lib.reproduce.dynamic_future_net_plan`: small networks
+    on the same clips, each of them at its own speed, slower and faster by up to a fifth, and mirrored, which the paper
+    does not mention. Sizes and steps stand in :mod:`tutorial_lib.reproduce.dynamic_future_net_plan`: small networks
     and few steps, for minutes of a CPU.
 
 What is measured
