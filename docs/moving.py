@@ -6,6 +6,7 @@ auto-conditioned, which does not; and one that walks a figure of eight. All as t
 
 from __future__ import annotations
 
+import argparse
 import pathlib
 
 from PIL import Image, ImageDraw, ImageFont
@@ -70,6 +71,7 @@ def colors_of(bases: list[str]) -> Image.Image:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     font = ImageFont.load_default(12 * FINER)
     cells = networks()
     azimuths = [facing(motion, describe(motion)) + 0.6 for _, _, motion in cells]

@@ -5,6 +5,7 @@ A table stands between ``<!-- table: python -m tutorial_lib pretrained list --ma
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import io
 import os
@@ -39,6 +40,7 @@ def renewed(text: str) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     with atomic_write(README) as temporary:
         temporary.write_text(renewed(README.read_text(encoding="utf-8")), encoding="utf-8")
     print(f"wrote the tables of {README}")

@@ -44,9 +44,18 @@ def main() -> int:
     elif os.environ.get("TUTORIAL_DATA"):
         os.environ["TUTORIAL_DATA"] = str(pathlib.Path(os.environ["TUTORIAL_DATA"]).resolve())
     if options.to is not None:
-        options.to.mkdir(parents=True, exist_ok=True)
+        try:
+            options.to.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            parser.error(f"{options.to}: cannot be made: {error.strerror}")
     wanted = options.lesson or [""]
     paths = [p for p in sorted(FOLDER.glob("[0-9]*.ipynb")) if any(p.name.startswith(w) for w in wanted)]
+    try:  # a lesson takes minutes: whether it can be kept is asked before
+        with tempfile.TemporaryFile(dir=options.to or FOLDER):
+            pass
+    except OSError as error:
+        print(f"error: {options.to or FOLDER}: cannot be written: {error.strerror}", file=sys.stderr)
+        return 2
     if not paths:
         print(f"error: no lesson in {FOLDER.name}/ begins with {', '.join(wanted)}", file=sys.stderr)
         return 2

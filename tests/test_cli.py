@@ -92,6 +92,12 @@ def test_info_goes_on_after_a_bad_file(clips, tmp_path, capsys):
     assert first.startswith(f"error: {bad}:") and second.startswith("error: ") and "absent.bvh" in second
 
 
+def test_info_says_which_files_it_can_tell_of(tmp_path, fails):
+    (tmp_path / "notes.md").write_text("# none")
+    assert "this is a folder, expected files" in fails("info", tmp_path)
+    assert "suffix '.md', expected one of .bvh, .amc, .safetensors" in fails("info", tmp_path / "notes.md")
+
+
 def test_info_of_a_checkpoint(trained, capsys):
     assert main(["info", str(trained)]) == 0
     out = capsys.readouterr().out
@@ -155,6 +161,12 @@ def test_data_commands(capsys, monkeypatch, tmp_path, fails):
     assert capsys.readouterr().out.strip() == str((tmp_path / "cmu" / "martial").resolve())
     assert "did you mean cmu/martial" in fails("data", "where", "cmu/marital")
     assert "unknown data set" in fails("data", "fetch", "cmu/marital")
+    capsys.readouterr()
+    assert main(["data", "where", "cmu/boxing"]) == 0
+    assert "cmu/boxing is not at hand yet" in capsys.readouterr().err
+    assert main(["data", "fetch", "cmu/martial"]) == 0  # at hand: nothing is asked of the network
+    told = capsys.readouterr()
+    assert "nothing to fetch" in told.out and str(tmp_path.resolve()) in told.out
 
 
 # --- train, generate, evaluate --------------------------------------------------------------------
@@ -665,7 +677,8 @@ def test_checkpoints_that_are_none(trained, clips, tmp_path, fails):
 def test_generate_with_what_does_not_fit(trained, clips, tmp_path, fails):
     made = tmp_path / "made"
     assert "a seed needs 500 frames" in fails("generate", trained, "-o", made, "--seed-frames", "500")
-    assert "unknown data set 'nobody'" in fails("generate", trained, "-o", made, "--data", "nobody")
+    told = fails("generate", trained, "-o", made, "--data", "nobody")
+    assert "unknown data set 'nobody'" in told and "nor is there such a file or folder" in told
     other = tmp_path / "other.bvh"
     stick = Skeleton(("a", "b"), (-1, 0), np.eye(3)[:2], ("ZXY",) * 2, frozenset({1}))
     write_bvh(Motion.from_rotations(stick, 30.0, np.zeros((40, 3)), np.eye(4)[[0, 0]][None].repeat(40, 0)), other)

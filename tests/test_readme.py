@@ -93,4 +93,5 @@ def test_results_of_one_paper_and_of_none(capsys, fails):
     assert main(["results", "acrnn"]) == 0
     told = capsys.readouterr().out
     assert "Martial Arts" in told and "What the paper finds, and whether it is so here:" in told
+    assert main(["results", "side-by-side"]) == 0 and "What the papers say, and whether" in capsys.readouterr().out
     assert "there are acrnn, acrnn-wider, vae-lstm" in fails("results", "nobody")

@@ -258,5 +258,7 @@ def test_the_command_line_reaches_it(tmp_path, monkeypatch, capsys):
 def test_data_that_is_not_there(tmp_path):
     with pytest.raises(DataError, match="cmu/walking"):
         dfn.reproduce(str(tmp_path), runs=tmp_path / "runs", tell=lambda line: None)
+    with pytest.raises(DataError, match="wrong: no such folder, expected one that holds cmu/walking, cmu/running"):
+        dfn.reproduce(str(tmp_path / "wrong"), runs=tmp_path / "runs", tell=lambda line: None)
     with pytest.raises(DataError, match="reproduce dynamic-future-net makes one"):
         dfn.load_result(tmp_path / "none.json")

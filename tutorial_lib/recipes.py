@@ -227,6 +227,10 @@ def load_clips(name: str) -> list[Motion]:
     from .data.catalog import read_clip
 
     if _in_catalogue(name):
+        try:
+            data.entry(name)
+        except DataError as error:
+            raise DataError(f"{error}; nor is there such a file or folder") from None
         return data.load(name)
     files, path = _files_of(name), pathlib.Path(name)
     if not files:

@@ -54,13 +54,18 @@ def add(commands) -> None:
 
 
 def _info(options: argparse.Namespace, _: Sequence[str]) -> int:
-    from ..motion.files import file_info
+    from ..motion.files import SUFFIXES, file_info
 
     status = 0
     for path in options.files:
+        suffix = pathlib.Path(path).suffix.lower()
         try:
-            if pathlib.Path(path).suffix.lower() == ".safetensors":
+            if suffix == ".safetensors":
                 lines = _checkpoint_lines(path)
+            elif os.path.isdir(path):
+                raise TutorialError(f"{path}: this is a folder, expected files")
+            elif os.path.exists(path) and suffix not in SUFFIXES:
+                raise TutorialError(f"{path}: suffix {suffix!r}, expected one of {', '.join(SUFFIXES)}, .safetensors")
             else:
                 lines = file_info(path).lines()
             print("\n".join(lines))
@@ -157,15 +162,19 @@ def _data_list(options: argparse.Namespace, _: Sequence[str]) -> None:
 
 def _data_fetch(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .. import data
+    from ..data.catalog import DATA
 
     for name in options.names:
         data.entry(name)  # an unknown name is told before anything is downloaded
+    own = {row.name: row.path for row in data.listing() if row.at_hand == DATA}
     for name in options.names:
-        print(f"{name}: {data.fetch(name)}")
+        print(f"{name}: {own[name]} (from {DATA}, nothing to fetch)" if name in own else f"{name}: {data.fetch(name)}")
 
 
 def _data_where(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .. import data
 
     for name in options.names:
-        print(data.where(name))
+        print(folder := data.where(name))
+        if not folder.is_dir():
+            print(f"note: {name} is not at hand yet; data fetch {name} fills that folder", file=sys.stderr)

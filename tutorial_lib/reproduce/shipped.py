@@ -44,7 +44,8 @@ def full(paper: str) -> list[str]:
     """
     module = _module(paper)
     result = module.load_result(_file(paper))
-    return report(module.tables(result), module.findings(result))
+    several = {"whose": "the papers say"} if paper == "side-by-side" else {}
+    return report(module.tables(result), module.findings(result), **several)
 
 
 def short() -> list[ErrorTable]:

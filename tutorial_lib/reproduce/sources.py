@@ -88,6 +88,8 @@ def clips_from(
 
     hint, aside: see :func:`check_data`.
     """
+    if source is not None and not samples and not pathlib.Path(source).expanduser().is_dir():
+        raise DataError(f"{source}: no such folder, expected one that holds {', '.join(names)} ({hint})")
     with data_from(None if samples else source):
         check_data(names, of_folder=source is not None and not samples, hint=hint, aside=aside)
         yield

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from ...errors import TutorialError
 from .samples import benchmark, make_samples
 
 
@@ -15,7 +16,10 @@ def main(arguments: list[str] | None = None) -> None:
     if not (options.out or options.benchmark):
         parser.error("expected --out FOLDER or --benchmark")
     if options.out:
-        paths = make_samples(options.out)
+        try:
+            paths = make_samples(options.out)
+        except (TutorialError, OSError) as error:
+            parser.exit(2, f"error: {error}\n")
         size = sum(path.stat().st_size for path in paths)
         print(f"{len(paths)} clips, {size / 1e6:.1f} MB, in {options.out}")
     if options.benchmark:
