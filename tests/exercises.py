@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import os
 import pathlib
@@ -117,14 +118,28 @@ class Course:
     def file(self, step: str, name: str, student: str = ".", ending: str = "ipynb") -> pathlib.Path:
         return self.folder / step / student / name / f"{name}.{ending}"
 
-    def hand_in(self, name: str, student: str, step: str, answers: Mapping[str, str] | None = None) -> None:
-        """Submit the notebook of ``step`` (source: the solution; release: blank) with some answer cells replaced."""
+    def hand_in(
+        self,
+        name: str,
+        student: str,
+        step: str,
+        answers: Mapping[str, str] | None = None,
+        copied: Collection[str] = (),
+    ) -> None:
+        """Submit the notebook of ``step`` (source: the solution; release: blank) with some answer cells replaced.
+
+        copied: the grade ids of cells that stand in it twice, as Jupyter copies them: with their metadata.
+        """
         import nbformat
 
         notebook = nbformat.read(self.file(step, name), as_version=4)
         for cell in notebook.cells:
             if graded(cell).get("solution"):
                 cell.source = (answers or {}).get(graded(cell)["grade_id"], cell.source)
+        for cell in [cell for cell in notebook.cells if graded(cell).get("grade_id") in copied]:
+            twin = copy.deepcopy(cell)
+            twin.id = f"{cell.id}-copy"
+            notebook.cells.insert(notebook.cells.index(cell) + 1, twin)
         file = self.file("submitted", name, student)
         file.parent.mkdir(parents=True)
         nbformat.write(notebook, file)
@@ -150,17 +165,19 @@ def grade(
     feedback: Collection[str] = (),
     strict: bool = True,
     impatient: Collection[str] = (),
+    copied: Mapping[str, Collection[str]] | None = None,
 ) -> dict[str, Any]:
     """Make the release of one set, grade what students hand in, give some of them feedback; in a process of its own.
 
     handed_in: what each student starts from, source or release, and the answer cells replaced. feedback: for whom.
+    copied: the cells that stand twice in what a student hands in.
     """
     os.environ.update(environment())
     try:
         course = Course(folder, strict, impatient)
         result: dict[str, Any] = {"folder": folder, "release": course.api.generate_assignment(name)}
         for student, (step, answers) in handed_in.items():
-            course.hand_in(name, student, step, answers)
+            course.hand_in(name, student, step, answers, (copied or {}).get(student, ()))
         begin = time.monotonic()
         result["autograde"] = course.api.autograde(name, "*")
         result["seconds"] = time.monotonic() - begin

@@ -278,3 +278,4 @@ def places(start, d):
     "turn": ("ends the kernel", "import os\nos._exit(1)"),
 }
 COSTS = {"test-bone", "test-chain", "test-order", "test-turn"}
+COPIED = {"given-knee", "bone", "test-bone"}  # read-only, an answer, a test

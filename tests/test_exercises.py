@@ -14,7 +14,7 @@ pytest.importorskip(
 )
 
 from exercises import COURSE, HIDDEN, SETS, SOLUTION, grade, graded, pack, regions, source  # noqa: E402
-from exercises_wrong import BAD, COSTS, WRONG  # noqa: E402
+from exercises_wrong import BAD, COPIED, COSTS, WRONG  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -26,8 +26,14 @@ def results(tmp_path_factory, request):
     with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
         jobs = {}
         if "bad" in wanted:
-            harmful = {"careless": ("source", {cell: text for cell, (_, text) in BAD.items()}), "other": ("source", {})}
-            jobs["bad"] = pool.submit(grade, "ps1", folder / "bad", harmful, ["careless"], False, ["test-bone"])
+            harmful = {
+                "careless": ("source", {cell: text for cell, (_, text) in BAD.items()}),
+                "copier": ("source", {}),
+                "other": ("source", {}),
+            }
+            jobs["bad"] = pool.submit(
+                grade, "ps1", folder / "bad", harmful, ["careless"], False, ["test-bone"], {"copier": COPIED}
+            )
         for name in SETS:
             if name in wanted:
                 handed_in = {"blank": ("release", {}), "solved": ("source", {})}
@@ -140,6 +146,57 @@ def test_harmful_submissions_cost_their_own_points_and_the_grading_goes_on(resul
     size = (result["folder"] / "autograded" / "careless" / "ps1" / "ps1.ipynb").stat().st_size
     assert size < 2_000_000, "what it printed was kept"
     assert (result["folder"] / "feedback" / "careless" / "ps1" / "ps1.html").stat().st_size < 4_000_000
+
+
+@pytest.mark.parametrize("name", ["bad"])
+def test_copied_cells_cost_nothing_and_the_grading_goes_on(result, name):
+    """nbgrader alone takes them for metadata of an old version, and grades nobody from there on."""
+    import nbformat
+
+    handed_in = nbformat.read(result["folder"] / "submitted" / "copier" / "ps1" / "ps1.ipynb", as_version=4)
+    ids = [graded(cell)["grade_id"] for cell in handed_in.cells if graded(cell)]
+    assert sorted(set(ids)) == sorted(graded(cell)["grade_id"] for cell in source("ps1").cells if graded(cell))
+    assert {grade_id for grade_id in ids if ids.count(grade_id) == 2} == COPIED
+    assert result["autograde"]["success"], result["autograde"]
+    assert result["scores"]["copier"] == result["scores"]["other"] == points("ps1")
+
+
+@pytest.mark.parametrize("name", ["ps1"])
+def test_a_changed_test_and_a_new_submission_count_with_the_commands_of_the_readme(result, name, tmp_path):
+    """In a copy of the graded course: blank hands in the solution, and a hidden test is changed to fail."""
+    import os
+    import shutil
+    import subprocess
+    import sys
+
+    import nbformat
+    from exercises import END, environment
+    from nbgrader.api import Gradebook
+
+    course = tmp_path / "course"
+    shutil.copytree(result["folder"], course)
+    file = f"{name}/{name}.ipynb"
+    shutil.copy(course / "submitted" / "solved" / file, course / "submitted" / "blank" / file)
+    notebook = nbformat.read(course / "source" / file, as_version=4)
+    (test,) = [cell for cell in notebook.cells if graded(cell).get("grade_id") == "test-turn"]
+    test.source = test.source.replace(END + HIDDEN, f"assert False, 'the changed test'\n{END}{HIDDEN}")
+    nbformat.write(notebook, course / "source" / file)
+    commands = (COURSE / "README.md").read_text(encoding="utf-8").partition("## Change a set")[2]
+    commands = re.findall(rf"^nbgrader (\w+ {name}\b[^#\n]*)", commands, re.MULTILINE)
+    assert [command.split()[0] for command in commands] == ["generate_assignment", "autograde", "generate_feedback"]
+    for step in commands:
+        one = [] if step.startswith("generate_assignment") else ["--student", "blank"]
+        command = [sys.executable, "-m", "nbgrader", *step.split(), *one]
+        done = subprocess.run(
+            command, cwd=course, env={**os.environ, **environment()}, capture_output=True, text=True, timeout=300
+        )
+        assert done.returncode == 0, done.stderr
+    with Gradebook(f"sqlite:///{course / 'gradebook.db'}", "moving-people") as gradebook:
+        (book,) = gradebook.find_submission(name, "blank").notebooks
+        scores = {grade.name: grade.auto_score for grade in book.grades}
+    assert scores == {**points(name), "test-turn": 0}
+    page = (course / "feedback" / "blank" / name / f"{name}.html").read_text(encoding="utf-8")
+    assert "the changed test" in page, "the old page was kept"
 
 
 def test_export_gives_a_table_of_scores(results):

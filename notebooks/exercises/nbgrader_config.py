@@ -8,7 +8,7 @@ from jupyter_core.utils import run_sync
 from nbclient.exceptions import DeadKernelError
 from nbformat.v4 import new_output
 from nbgrader.converters import Autograde
-from nbgrader.preprocessors import Execute
+from nbgrader.preprocessors import DeduplicateIds, Execute
 from traitlets import Bool
 
 MOST_OUTPUT = 500_000  # characters of a cell that are kept; what it prints beyond is thrown away as it comes
@@ -75,6 +75,20 @@ class ExecuteToTheEnd(Execute):
         run_sync(self.kc.wait_for_ready)(timeout=self.startup_timeout)
 
 
+class CopiesAreCode(DeduplicateIds):
+    """Of a cell that was copied with its grade id, the last keeps the id, and the others become ordinary cells.
+
+    nbgrader's own leaves the others an empty entry, takes that for metadata of an old version, and stops grading there,
+    with all students who come after.
+    """
+
+    def preprocess_cell(self, cell, resources, cell_index):
+        cell, resources = super().preprocess_cell(cell, resources, cell_index)
+        if not cell.metadata.get("nbgrader", True):
+            del cell.metadata["nbgrader"]
+        return cell, resources
+
+
 TOOLS = str(pathlib.Path(sys.executable).parent)
 if TOOLS not in os.environ.get("PATH", "").split(os.pathsep):  # nbgrader calls alembic by its name alone
     os.environ["PATH"] = os.pathsep.join([TOOLS, os.environ.get("PATH", "")])
@@ -84,6 +98,9 @@ c = get_config()  # noqa: F821 (nbgrader defines it)
 c.CourseDirectory.course_id = "moving-people"
 c.IncludeHeaderFooter.header = ""  # the source notebooks are whole
 
+c.Autograde.sanitize_preprocessors = [
+    CopiesAreCode if step is DeduplicateIds else step for step in Autograde.sanitize_preprocessors.default()
+]
 c.Autograde.autograde_preprocessors = [
     ExecuteToTheEnd if step is Execute else step for step in Autograde.autograde_preprocessors.default()
 ]
