@@ -43,33 +43,30 @@ def main() -> int:
         os.environ["TUTORIAL_OFFLINE"] = "1"
     elif os.environ.get("TUTORIAL_DATA"):
         os.environ["TUTORIAL_DATA"] = str(pathlib.Path(os.environ["TUTORIAL_DATA"]).resolve())
-    if options.to is not None:
-        try:
-            options.to.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            parser.error(f"{options.to}: cannot be made: {error.strerror}")
     wanted = options.lesson or [""]
     paths = [p for p in sorted(FOLDER.glob("[0-9]*.ipynb")) if any(p.name.startswith(w) for w in wanted)]
-    try:  # a lesson takes minutes: whether it can be kept is asked before
-        with tempfile.TemporaryFile(dir=options.to or FOLDER):
-            pass
-    except OSError as error:
-        print(f"error: {options.to or FOLDER}: cannot be written: {error.strerror}", file=sys.stderr)
-        return 2
     if not paths:
         print(f"error: no lesson in {FOLDER.name}/ begins with {', '.join(wanted)}", file=sys.stderr)
+        return 2
+    to = options.to or FOLDER
+    try:  # a lesson takes minutes: whether it can be kept is asked before
+        to.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=to):
+            pass
+    except OSError as error:
+        print(f"error: {to}: cannot be written: {error.strerror}", file=sys.stderr)
         return 2
     with tempfile.TemporaryDirectory() as folder:
         if options.share is not None:
             os.environ["TUTORIAL_DATA"] = some_clips(os.environ["TUTORIAL_DATA"], folder, options.share, options.seed)
-        return max(run(path, (options.to or FOLDER) / path.name) for path in paths)
+        return max(run(path, to / path.name) for path in paths)
 
 
 def some_clips(of: str, to: str, share: float, seed: int) -> str:
     """Links in ``to`` to a random share of the clips in each folder of ``of``, and to two at least; returns ``to``."""
     draw = random.Random(seed)
-    of_folders = sorted(motion_files(pathlib.Path(of)), key=lambda path: path.parent)
-    for folder, clips in itertools.groupby(of_folders, key=lambda path: path.parent):
+    by_folder = sorted(motion_files(pathlib.Path(of)), key=lambda path: path.parent)
+    for folder, clips in itertools.groupby(by_folder, key=lambda path: path.parent):
         clips = list(clips)
         taken = draw.sample(clips, min(len(clips), max(2, round(share * len(clips)))))
         there = pathlib.Path(to) / folder.relative_to(of)

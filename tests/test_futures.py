@@ -386,7 +386,10 @@ def test_one_seed_one_future_for_who_asks_for_features_too(trained, clip):
 def test_what_is_for_networks_of_another_kind(trained, clip):
     """It tells no next frame: nothing in one can be given. And those that tell it draw from no generator of ours."""
     seeds = trained.representation.encode(clip_of(trained, clip)[:8])[None]
-    with pytest.raises(TutorialError, match="Dynamic Future Net reads none of its output: it takes no state, nothing given and no noise"):
+    with pytest.raises(
+        TutorialError,
+        match="Dynamic Future Net reads none of its output: it takes no state, nothing given and no noise",
+    ):
         generate_features(trained, seeds, 4, given={"control": np.zeros((1, 4, 3))})
     with pytest.raises(TutorialError, match="a generator is for the Dynamic Future Net, not for LSTM3LR"):
         synthesize(make_system("lstm", 4, hidden=4).model, torch.zeros(1, 3, 4), 2, generator=torch.Generator())

@@ -166,9 +166,10 @@ def _data_fetch(options: argparse.Namespace, _: Sequence[str]) -> None:
 
     for name in options.names:
         data.entry(name)  # an unknown name is told before anything is downloaded
-    own = {row.name: row.path for row in data.listing() if row.at_hand == DATA}
     for name in options.names:
-        print(f"{name}: {own[name]} (from {DATA}, nothing to fetch)" if name in own else f"{name}: {data.fetch(name)}")
+        row = data.listed(name)
+        told = f"{row.path} (from {DATA}, nothing to fetch)" if row.at_hand == DATA else data.fetch(name)
+        print(f"{name}: {told}")
 
 
 def _data_where(options: argparse.Namespace, _: Sequence[str]) -> None:

@@ -3,6 +3,6 @@
 ``load("samples/walking")`` gives a list of motions; ``names()`` lists what there is.
 """
 
-from .catalog import entry, fetch, listing, load, load_first, names, where
+from .catalog import entry, fetch, listed, listing, load, load_first, names, where
 
-__all__ = ["entry", "fetch", "listing", "load", "load_first", "names", "where"]
+__all__ = ["entry", "fetch", "listed", "listing", "load", "load_first", "names", "where"]

@@ -439,34 +439,34 @@ def listing(*, cache: str | os.PathLike | None = None) -> list[Listed]:
 
     Clips, minutes and megabytes are those of the files at hand, or else of the published ones.
     """
-    cache, rows = _cache(cache), []
-    data_folder()  # a wrong setting is an error, a single empty folder a row that says so
-    for data_set in _catalogue().values():
-        try:
-            found = _find(data_set, cache)
-        except EmptyFolder as error:
-            found = "empty folder", error.folder, []
-        except ClosedFolder as error:
-            found = "closed folder", error.folder, []
-        place, folder, paths = found or ("to download" if data_set.files else "missing", None, [])
-        published = not found or place == "cache"
-        minutes = data_set.minutes if published else _minutes(paths)
-        size = data_set.size if published else None
-        if found and size is None:
-            size = sum(p.stat().st_size for p in paths)
-        rows.append(
-            Listed(
-                data_set.name,
-                data_set.title,
-                len(paths) if found else data_set.clips,
-                minutes,
-                None if size is None else size / 1e6,
-                data_set.licence,
-                place,
-                folder or _destination(data_set, cache),
-            )
-        )
-    return rows
+    return [listed(data_set, cache=cache) for data_set in _catalogue().values()]
+
+
+def listed(name: str | DataSet, *, cache: str | os.PathLike | None = None) -> Listed:
+    """The row of one data set in :func:`listing`; a ``DataError`` for an unknown name or a wrong TUTORIAL_DATA."""
+    data_set, cache = entry(name), _cache(cache)
+    try:
+        found = _find(data_set, cache)
+    except EmptyFolder as error:
+        found = "empty folder", error.folder, []
+    except ClosedFolder as error:
+        found = "closed folder", error.folder, []
+    place, folder, paths = found or ("to download" if data_set.files else "missing", None, [])
+    published = not found or place == "cache"
+    minutes = data_set.minutes if published else _minutes(paths)
+    size = data_set.size if published else None
+    if found and size is None:
+        size = sum(p.stat().st_size for p in paths)
+    return Listed(
+        data_set.name,
+        data_set.title,
+        len(paths) if found else data_set.clips,
+        minutes,
+        None if size is None else size / 1e6,
+        data_set.licence,
+        place,
+        folder or _destination(data_set, cache),
+    )
 
 
 def _minutes(paths: list[pathlib.Path]) -> float | None:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from ..errors import DataError, TutorialError
-from ..motion.clip import Motion, whole_ratio
+from ..motion.clip import Motion, some_names, whole_ratio
 from ..motion.rotations import Array, quat_about_y, quat_mul
 from ..representations import Representation
 
@@ -215,10 +215,9 @@ class WindowSampler:
                 lacking = [m for m, g in zip(motions, groups, strict=True) if g == group]
                 raise DataError(_too_short(lacking, self.length, max(self.rates)))
         if too_short:
-            names = ", ".join(repr(m.name) for m in too_short[:5]) + (", ..." if len(too_short) > 5 else "")
             warnings.warn(
                 f"{len(too_short)} of {len(motions)} clips left out, too short for a window of "
-                f"{self.length} frames: {names}",
+                f"{self.length} frames: {some_names(too_short)}",
                 stacklevel=3,
             )
         self._positions = torch.cat(positions)

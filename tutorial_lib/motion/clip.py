@@ -224,6 +224,11 @@ class Motion:
         )
 
 
+def some_names(motions: Sequence[Motion], most: int = 5) -> str:
+    """The names of the first motions, for a message, and dots where there are more."""
+    return ", ".join(repr(m.name) for m in motions[:most]) + (", ..." if len(motions) > most else "")
+
+
 def _read_only(array: np.ndarray) -> np.ndarray:
     """``array`` as float64 that nobody can write to; copied unless it already is that."""
     array = np.asarray(array)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import MotionError
-from .clip import Motion
+from .clip import Motion, some_names
 from .rotations import quat_slerp
 
 SEARCH = 1.5  # seconds at the end of one clip, and at the beginning of the next, in which the best place is looked for
@@ -118,9 +118,9 @@ def playlist(motions: Sequence[Motion], *, seconds: float, blend: float = 0.3, s
     if not usable:
         raise MotionError(f"playlist: none of {len(motions)} clips is as long as three blends of {blend:g} s")
     if too_short:
-        names = ", ".join(repr(m.name) for m in too_short[:5]) + (", ..." if len(too_short) > 5 else "")
         warnings.warn(
-            f"{len(too_short)} of {len(motions)} clips left out, too short for three blends of {blend:g} s: {names}",
+            f"{len(too_short)} of {len(motions)} clips left out, too short for three blends of {blend:g} s: "
+            f"{some_names(too_short)}",
             stacklevel=2,
         )
     rng, order, total = np.random.default_rng(seed), [], 0.0

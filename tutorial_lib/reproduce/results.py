@@ -22,6 +22,8 @@ from ..view.tables import ErrorTable
 
 Result = Mapping[str, Any]
 
+ONE_PAPER, ALL_PAPERS = "the paper finds", "the papers say"  # whose findings are told
+
 RESULTS = pathlib.Path(__file__).with_name("results")  # those that come with the library
 
 
@@ -113,7 +115,7 @@ def tell_result(
     findings: Iterable[Finding],
     figures: Mapping[str, Any],
     tell: Callable[[str], None],
-    whose: str = "the paper finds",
+    whose: str = ONE_PAPER,
 ) -> None:
     """Say what the result in ``path`` holds, and write its figures (those that are not None) beside it.
 
@@ -128,7 +130,7 @@ def tell_result(
     tell(f"wrote {path} ({path.stat().st_size / 1000:.0f} kB){beside}")
 
 
-def report(tables: Mapping[str, ErrorTable], findings: Iterable[Finding], whose: str = "the paper finds") -> list[str]:
+def report(tables: Mapping[str, ErrorTable], findings: Iterable[Finding], whose: str = ONE_PAPER) -> list[str]:
     """All of it for a terminal."""
     lines = []
     for table in tables.values():

@@ -10,15 +10,15 @@ from types import ModuleType
 
 from ..errors import TutorialError
 from ..view.tables import ErrorTable
-from .results import RESULTS, report
+from .results import ALL_PAPERS, ONE_PAPER, RESULTS, report
 
-# Each result's title, and the module that has load_result, tables and findings of its paper.
+# Each result's title, the module that has load_result, tables and findings of its paper, and whose these are.
 PAPERS = {
-    "acrnn": ("acRNN", "acrnn"),
-    "acrnn-wider": ("acRNN, with wider networks", "acrnn"),
-    "vae-lstm": ("VAE-LSTM", "vae_lstm"),
-    "dynamic-future-net": ("Dynamic Future Net", "dynamic_future_net"),
-    "side-by-side": ("All papers", "side_by_side"),
+    "acrnn": ("acRNN", "acrnn", ONE_PAPER),
+    "acrnn-wider": ("acRNN, with wider networks", "acrnn", ONE_PAPER),
+    "vae-lstm": ("VAE-LSTM", "vae_lstm", ONE_PAPER),
+    "dynamic-future-net": ("Dynamic Future Net", "dynamic_future_net", ONE_PAPER),
+    "side-by-side": ("All papers", "side_by_side", ALL_PAPERS),
 }
 # What of them is shown in short: paper, table, rows (none: all), columns (none: all).
 SHORT: tuple[tuple[str, str, Sequence[str], Sequence[str]], ...] = (
@@ -44,8 +44,7 @@ def full(paper: str) -> list[str]:
     """
     module = _module(paper)
     result = module.load_result(_file(paper))
-    several = {"whose": "the papers say"} if paper == "side-by-side" else {}
-    return report(module.tables(result), module.findings(result), **several)
+    return report(module.tables(result), module.findings(result), PAPERS[paper][2])
 
 
 def short() -> list[ErrorTable]:

@@ -43,7 +43,7 @@ from .. import metrics
 from ..evaluate import jsonable
 from .cost import Costs, whole_cost
 from .grid import Run, Told, asked_for, clips_for, finished, folders, side_by_side
-from .results import head, tell_result, write_result
+from .results import ALL_PAPERS, head, tell_result, write_result
 from .side_by_side_findings import findings
 from .side_by_side_measure import seconds_of_measuring, train_and_measure
 from .side_by_side_networks import load_networks, write_networks
@@ -88,7 +88,7 @@ def reproduce(
         result = _measured(plan, runs, jobs=jobs, train_missing=train_missing, tell=tell)
     path = write_result(result, out / "side_by_side.json")
     count = write_networks(result, plan, runs, path.with_suffix(""))
-    tell_result(path, tables(result), findings(result), {}, tell, whose="the papers say")
+    tell_result(path, tables(result), findings(result), {}, tell, whose=ALL_PAPERS)
     tell(f"wrote {count} networks in half precision to {path.with_suffix('')}")
     return result
 

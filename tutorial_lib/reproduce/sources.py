@@ -11,6 +11,7 @@ from .. import data
 from ..data.catalog import DATA, data_folder
 from ..errors import DataError
 
+UNREADABLE = ("empty folder", "closed folder", "missing")  # of ``Listed.at_hand``: nothing is downloaded instead
 # Why a data set needs one clip more than there are parts of it set aside: none, test clips, and validation clips too.
 WHY = ("", "one is kept out to be measured on", "rates are chosen on a fifth of them set aside")
 
@@ -39,12 +40,12 @@ def check_data(names: Sequence[str], *, of_folder: bool, hint: str, aside: int =
     of each are not trained on, see :data:`WHY`; a data set with too few clips for that is an error, too.
     """
     missing = []
-    rows = {row.name: row for row in data.listing()}
+    rows = {name: data.listed(name) for name in names}
     for name in names:
         at_hand, path = rows[name].at_hand, rows[name].path
         if of_folder and at_hand != DATA:
             missing.append(name)
-        elif at_hand in ("empty folder", "missing"):
+        elif at_hand in UNREADABLE:
             missing.append(f"{name} ({at_hand}: {path})")
         elif at_hand == "to download":
             try:
@@ -64,8 +65,7 @@ def check_data(names: Sequence[str], *, of_folder: bool, hint: str, aside: int =
 
 def at_hand(name: str) -> bool:
     """Whether a data set's files are on this machine."""
-    return any(row.name == name and row.at_hand not in ("empty folder", "missing", "to download")
-               for row in data.listing())  # fmt: skip
+    return data.listed(name).at_hand not in (*UNREADABLE, "to download")
 
 
 def samples_stand_in(source: str | None, names: Iterable[str], tell: Callable[[str], None]) -> bool:

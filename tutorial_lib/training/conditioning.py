@@ -22,6 +22,7 @@ import torch
 from torch import Tensor
 
 from ..errors import TutorialError
+from ..models.variational import standard_normal_like
 
 DECAYS = ("fixed", "linear", "exponential", "inverse-sigmoid")
 
@@ -177,8 +178,7 @@ class WanderingNoise:
     """
 
     def __init__(self, deviation: float, frames: float, generator: torch.Generator | None = None):
-        if isinstance(deviation, bool) or not isinstance(deviation, (int, float)) or not 0 <= deviation < math.inf:
-            raise TutorialError(f"the noise is a standard deviation of 0 or more, not {deviation!r}")
+        check_noise(deviation)
         if not 0 < frames < math.inf:
             raise TutorialError(f"noise must be remembered for some frames, not {frames!r}")
         self.deviation, self.keep, self.generator = float(deviation), math.exp(-1 / frames), generator
@@ -186,12 +186,18 @@ class WanderingNoise:
 
     def disturb(self, frame: Tensor) -> Tensor:
         """A frame (B, D) with the noise of this moment; the noise then wanders on."""
-        drawn = torch.randn(frame.shape, generator=self.generator, dtype=frame.dtype).to(frame.device)
+        drawn = standard_normal_like(frame, self.generator)
         if self._now is None:
             self._now = drawn
         else:
             self._now = self.keep * self._now + math.sqrt(1 - self.keep**2) * drawn
         return frame + self.deviation * self._now
+
+
+def check_noise(noise: float) -> None:
+    """Raise :class:`TutorialError` unless ``noise`` can be a standard deviation."""
+    if isinstance(noise, bool) or not isinstance(noise, (int, float)) or not 0 <= noise < math.inf:
+        raise TutorialError(f"the noise is a standard deviation of 0 or more, not {noise!r}")
 
 
 def _is_whole(value: object) -> bool:

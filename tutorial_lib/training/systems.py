@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import difflib
-import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -21,8 +20,16 @@ from ..models.crbm import CRBM, CRBMConfig
 from ..models.dynamic_future_net import DynamicFutureNet, DynamicFutureNetConfig
 from ..models.recurrent import ERD, LSTM3LR, ERDConfig, LSTM3LRConfig, Seq2Seq, Seq2SeqConfig
 from ..models.vae_lstm import VAELSTM, VAELSTMConfig
+from ..models.variational import standard_normal_like
 from ..representations import REPRESENTATIONS, Representation
-from .conditioning import auto_conditioning, check_decay, scheduled_sampling, seed_only, truth_probability
+from .conditioning import (
+    auto_conditioning,
+    check_decay,
+    check_noise,
+    scheduled_sampling,
+    seed_only,
+    truth_probability,
+)
 from .contrastive_divergence import ContrastiveDivergence
 from .future_loss import DynamicFutureLoss
 from .rollout import rollout
@@ -76,13 +83,7 @@ def noisy(frames: Tensor, deviation: float, rng: torch.Generator | None = None) 
     """Frames with Gaussian noise of that standard deviation, in the units of the features, on every number."""
     if deviation == 0:
         return frames
-    noise = torch.randn(frames.shape, generator=rng, dtype=frames.dtype)  # on the CPU, where rng is
-    return frames + deviation * noise.to(frames.device)
-
-
-def _check_noise(noise: float) -> None:
-    if isinstance(noise, bool) or not isinstance(noise, (int, float)) or not 0 <= noise < math.inf:
-        raise TutorialError(f"the noise is a standard deviation of 0 or more, not {noise!r}")
+    return frames + deviation * standard_normal_like(frames, rng)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,7 +101,7 @@ class AutoConditionedLoss:
 
     def __post_init__(self):
         auto_conditioning(1, self.u, self.v)  # raises if they cannot be
-        _check_noise(self.noise)
+        check_noise(self.noise)
 
     def __call__(
         self, model: nn.Module, batch: Tensor, rng: torch.Generator | None = None, progress: float = 0.0
@@ -139,7 +140,7 @@ class NoisyInputLoss:
     noise: float = 0.0
 
     def __post_init__(self):
-        _check_noise(self.noise)
+        check_noise(self.noise)
 
     def __call__(
         self, model: nn.Module, batch: Tensor, rng: torch.Generator | None = None, progress: float = 0.0
