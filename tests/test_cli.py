@@ -447,7 +447,9 @@ def test_benchmark_of_the_rollout_ends_in_one_line_of_ratios(capsys, monkeypatch
     monkeypatch.setattr(rollout_benchmark, "time_synthesis", lambda repeats: small(16, frames=5, repeats=repeats))
     threads = torch.get_num_threads()
     assert main(["benchmark", "rollout", "--hidden", "8", "--threads", "1", "--repeats", "1"]) == 0
-    last = capsys.readouterr().out.splitlines()[-1]
+    _, training, synthesis, last = capsys.readouterr().out.splitlines()
+    for line in (training, synthesis):
+        assert re.search(r"; matrix products alone \S+ (s|frames/s), \d+\.\d\dx at most$", line)
     match = re.fullmatch(r"training (\d+\.\d\d)x, synthesis (\d+\.\d\d)x, hidden 8", last)
     assert match and all(float(ratio) > 0 for ratio in match.groups())
     assert torch.get_num_threads() == threads
@@ -459,6 +461,15 @@ def test_benchmark_compares_the_same_computation():
     x = torch.randn(3, 9, 4, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     fed = auto_conditioning(9, 2, 2)
     torch.testing.assert_close(loop(x, fed.tolist()), rollout(model, x, fed)[0])
+
+
+@pytest.mark.parametrize("pair", [(1, 1), (2, 3), (9, 1)])
+def test_benchmark_counts_no_product_more_than_once(pair):
+    """Multiplications of a step: forward, as many for the gradients of what is read, and again for the weights'."""
+    B, D, H, L, fed = 3, 4, 6, 2, auto_conditioning(9, *pair).tolist()
+    found = sum(m * k * n for m, k, n in rollout_benchmark.training_products(H, L, D, B, fed))
+    frame = 4 * H * (D + H + (L - 1) * 2 * H) + H * D
+    assert found == B * (3 * 9 * frame - sum(fed) * 4 * H * D)  # of the truth nothing wants a gradient
 
 
 # --- what a user can get wrong --------------------------------------------------------------------

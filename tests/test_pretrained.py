@@ -335,9 +335,11 @@ def test_evaluating_shipped_weights(weights, tmp_path, capsys):
 
 def test_a_checkpoint_or_a_name_and_not_both(weights, run, tmp_path, fails):
     out = tmp_path / "made"
-    assert "required" in fails("generate", "-o", out)
-    assert "not allowed with" in fails("generate", run, "--pretrained", "aclstm-walk", "-o", out)
-    assert "required" in fails("evaluate", "--data", "samples/walking")
+    assert "expected a CHECKPOINT file or --pretrained NAME" in fails("generate", "-o", out)
+    assert "expected one of the two" in fails("generate", run, "--pretrained", "aclstm-walk", "-o", out)
+    assert "expected a CHECKPOINT file or --pretrained NAME" in fails("evaluate", "--data", "samples/walking")
+    # a misspelt option is told as such, and its number not as a checkpoint
+    assert "--framse" in fails("generate", "--pretrained", "aclstm-walk", "--framse", "100", "-o", out)
     assert not out.exists()
 
 

@@ -6,6 +6,8 @@ import argparse
 import os
 from typing import TYPE_CHECKING
 
+from ..errors import TutorialError
+
 if TYPE_CHECKING:
     from ..training.checkpoints import Checkpoint
 
@@ -46,10 +48,10 @@ def add_markdown(listing: argparse.ArgumentParser) -> None:
 
 
 def add_weights(command: argparse.ArgumentParser) -> None:
-    weights = command.add_mutually_exclusive_group(required=True)
-    weights.add_argument("checkpoint", metavar="CHECKPOINT", nargs="?", help="a checkpoint file (.safetensors)")
-    weights.add_argument(
-        "--pretrained", metavar="NAME", help="weights that come with the library (see: pretrained list)"
+    # which of the two is looked at in open_weights: argparse would tell a misspelt option as a second CHECKPOINT
+    command.add_argument("checkpoint", metavar="CHECKPOINT", nargs="?", help="a checkpoint file (.safetensors)")
+    command.add_argument(
+        "--pretrained", metavar="NAME", help="or weights that come with the library (see: pretrained list)"
     )
 
 
@@ -108,11 +110,18 @@ def open_weights(options: argparse.Namespace) -> Checkpoint:
     from ..training.checkpoints import load_checkpoint
     from ..training.trainer import usable_device
 
+    named = getattr(options, "pretrained", None)
+    if named is not None and options.checkpoint is not None:
+        raise TutorialError(
+            f"weights: {short(options.checkpoint)} and --pretrained {short(named)}: expected one of the two"
+        )
+    if named is None and options.checkpoint is None:
+        raise TutorialError("weights: expected a CHECKPOINT file or --pretrained NAME (see: pretrained list)")
     device = usable_device(options.device)
-    if getattr(options, "pretrained", None) is not None:
+    if named is not None:
         from .. import pretrained
 
-        return pretrained.load(options.pretrained, device)
+        return pretrained.load(named, device)
     return load_checkpoint(options.checkpoint, device=device)
 
 

@@ -2,15 +2,17 @@
 
 Two ways of doing the same, by turns in one run, so that what else the machine does slows both: the library's
 fast rollout, and a plain loop of ``nn.LSTMCell`` calls, one for each layer and frame, as one would write it
-first. Both train the same network with the same optimiser. Told are medians and their ratio.
+first. Both train the same network with the same optimiser. Told are medians and their ratio, and beside them how
+long the matrix products alone take, as few as the schedule allows and always on the same memory: no way of computing
+them one after another is faster.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import statistics
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -60,17 +62,62 @@ class CellLoop(nn.Module):
         return torch.stack(outputs, dim=1)
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Timing:
-    """Median seconds of the plain loop and of the fast rollout, measured by turns."""
+    """Median seconds of the plain loop, of the fast rollout, and of the matrix products alone, measured by turns."""
 
     plain: float
     fast: float
+    products: float
 
     @property
     def ratio(self) -> float:
         """How many times faster."""
         return self.plain / self.fast
+
+    @property
+    def limit(self) -> float:
+        """How many times faster it would be if all but the products were free."""
+        return self.plain / self.products
+
+
+Product = tuple[int, int, int]
+
+
+def training_products(hidden: int, layers: int, dim: int, batch: int, fed: Sequence[bool]) -> list[Product]:
+    """Rows, terms and columns of each matrix product that a training step cannot do without.
+
+    Frames of truth have their input products taken together, and so have those of the readout of frames up to the
+    next that must be known; weights have one product for all frames. What the truth is fed from has no gradient.
+    """
+    gates, found = 4 * hidden, []
+    starts = [0, *(t for t, truth in enumerate(fed) if not truth)]
+    for a, b in zip(starts, [*starts[1:], len(fed)], strict=True):
+        rows = (b - a) * batch
+        for k in range(layers):
+            below = hidden if k else dim
+            back = below if k or not fed[a] else 0  # columns that a gradient is wanted of
+            if b - a == 1:
+                found += [(batch, below + hidden, gates), (batch, gates, back + hidden)]
+            else:
+                found += [(rows, below, gates), (rows if k else batch, gates, back)]
+                found += [(batch, hidden, gates), (batch, gates, hidden)] * (b - a)
+        found += [(rows, hidden, dim), (rows, dim, hidden)]
+    frames = len(fed) * batch
+    found += [(gates, frames, (hidden if k else dim) + hidden) for k in range(layers)] + [(dim, frames, hidden)]
+    return [product for product in found if 0 not in product]
+
+
+def _multiply(products: Sequence[Product]) -> Callable[[], None]:
+    """Carries out the products; those of one size on the same memory."""
+    memory = {(m, k, n): (torch.rand(m, k), torch.rand(k, n), torch.empty(m, n)) for m, k, n in products}
+
+    def run() -> None:
+        for size in products:
+            a, b, out = memory[size]
+            torch.mm(a, b, out=out)
+
+    return run
 
 
 def time_training(
@@ -99,6 +146,7 @@ def time_training(
     return _by_turns(
         training_step(loop, lambda: loop(x, fed)),
         training_step(model, lambda: rollout(model, x, schedule, fast=True)[0]),
+        _multiply(training_products(hidden, layers, dim, batch, fed)),
         repeats,
     )
 
@@ -124,8 +172,16 @@ def time_synthesis(
         for _ in range(frames):
             frame = stream.step(frame)
 
-    timing = _by_turns(plain, fast, repeats)
-    return Timing(timing.plain / frames, timing.fast / frames)
+    weights = [parameter.detach() for name, parameter in model.named_parameters() if "weight" in name]
+    read = [torch.rand(weight.shape[1], *(() if batch == 1 else (batch,))) for weight in weights]
+
+    def products() -> None:
+        for _ in range(frames):
+            for weight, columns in zip(weights, read, strict=True):
+                torch.matmul(weight, columns)
+
+    timing = _by_turns(plain, fast, products, repeats)
+    return Timing(*(seconds / frames for seconds in dataclasses.astuple(timing)))
 
 
 def report(hidden: int, *, threads: int = 2, repeats: int = 9) -> Iterator[str]:
@@ -138,21 +194,25 @@ def report(hidden: int, *, threads: int = 2, repeats: int = 9) -> Iterator[str]:
         training = time_training(hidden, repeats=repeats)
     yield (
         f"training step, {hidden} cells, 100 frames, 32 sequences, u = v = 5: "
-        f"plain loop {training.plain:.3f} s, rollout {training.fast:.3f} s"
+        f"plain loop {training.plain:.3f} s, rollout {training.fast:.3f} s; "
+        f"matrix products alone {training.products:.3f} s, {training.limit:.2f}x at most"
     )
     with torch_threads(threads), global_seed(0):
         synthesis = time_synthesis(repeats=repeats)
     yield (
         f"synthesis, 1024 cells, one sequence: "
-        f"plain loop {1 / synthesis.plain:.0f} frames/s, stream {1 / synthesis.fast:.0f} frames/s"
+        f"plain loop {1 / synthesis.plain:.0f} frames/s, stream {1 / synthesis.fast:.0f} frames/s; "
+        f"matrix products alone {1 / synthesis.products:.0f} frames/s, {synthesis.limit:.2f}x at most"
     )
     yield f"training {training.ratio:.2f}x, synthesis {synthesis.ratio:.2f}x, hidden {hidden}"
 
 
-def _by_turns(plain: Callable[[], None], fast: Callable[[], None], repeats: int) -> Timing:
-    seconds: tuple[list[float], list[float]] = ([], [])
+def _by_turns(
+    plain: Callable[[], None], fast: Callable[[], None], products: Callable[[], None], repeats: int
+) -> Timing:
+    seconds: tuple[list[float], ...] = ([], [], [])
     for turn in range(repeats + 1):
-        for run, times in zip((plain, fast), seconds, strict=True):
+        for run, times in zip((plain, fast, products), seconds, strict=True):
             start = time.perf_counter()
             run()
             if turn > 0:  # the first warms up
