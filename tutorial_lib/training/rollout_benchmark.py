@@ -172,13 +172,14 @@ def time_synthesis(
         for _ in range(frames):
             frame = stream.step(frame)
 
-    weights = [parameter.detach() for name, parameter in model.named_parameters() if "weight" in name]
-    read = [torch.rand(weight.shape[1], *(() if batch == 1 else (batch,))) for weight in weights]
+    sizes = [(4 * hidden, (hidden if k else dim) + hidden) for k in range(layers)] + [(dim, hidden)]
+    rest = () if batch == 1 else (batch,)  # a matrix times a vector, if there is one sequence
+    memory = [(torch.rand(rows, read), torch.rand(read, *rest), torch.empty(rows, *rest)) for rows, read in sizes]
 
     def products() -> None:
         for _ in range(frames):
-            for weight, columns in zip(weights, read, strict=True):
-                torch.matmul(weight, columns)
+            for weight, columns, out in memory:
+                torch.matmul(weight, columns, out=out)
 
     timing = _by_turns(plain, fast, products, repeats)
     return Timing(*(seconds / frames for seconds in dataclasses.astuple(timing)))
