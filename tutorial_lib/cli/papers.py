@@ -85,7 +85,7 @@ def add(commands) -> None:
         "--steps",
         type=whole(3, MOST["steps"]),
         metavar="N",
-        help="of a network of one action (default 2400); one of all four has twice as many",
+        help="of a network of one action (default 2400); one of all four has three times as many",
     )
 
     every = papers.add_parser(

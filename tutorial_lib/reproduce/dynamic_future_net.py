@@ -12,8 +12,8 @@ What is measured
     motions of 128 frames from one prefix of each action, how far apart they are and how far from their mean, beside
     the data's own; how often one action becomes another in 256 motions of 600 frames; how near generated windows come
     to the training clips. What each is stands in :mod:`tutorial_lib.reproduce.dynamic_future_net_measure`,
-    :mod:`tutorial_lib.diversity` and :mod:`tutorial_lib.actions`. Weights that come with the library, which were
-    trained for longer, are measured as well.
+    :mod:`tutorial_lib.diversity` and :mod:`tutorial_lib.actions`. Weights that come with the library, a network
+    of all four actions from another run, are measured as well.
 
 The result, a dict that is written as JSON
     ========== ===================================================================================================

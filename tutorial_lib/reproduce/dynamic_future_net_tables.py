@@ -247,9 +247,10 @@ def _steps(result: Result) -> str:
 
 
 def _training(result: Result) -> ErrorTable:
-    rows = {run["title"]: [str(run["recipe"]["steps"]), f"{run['seconds']:.0f}", str(run["parameters"]),
-                           f"{run['train_seconds']:.0f}"] for run in result["runs"].values()}  # fmt: skip
+    rows = {run["title"]: [str(run["recipe"]["steps"]), str(run["recipe"]["batch"]), f"{run['seconds']:.0f}",
+                           str(run["parameters"]), f"{run['train_seconds']:.0f}"]
+            for run in result["runs"].values()}  # fmt: skip
     budget = result["budget"]
-    return error_table(["steps", "seconds", "parameters", "data s"], {"": rows}, best=None,
-                       caption=f"Training: batches of {budget['batch']} windows of {budget['length']} frames, horizon "
-                       f"{budget['horizon']}; seconds of a busy machine")  # fmt: skip
+    return error_table(["steps", "batch", "seconds", "parameters", "data s"], {"": rows}, best=None,
+                       caption=f"Training: windows of {budget['length']} frames, horizon {budget['horizon']}; seconds "
+                       "of a busy machine")  # fmt: skip
