@@ -1,7 +1,8 @@
 """The picture at the top of the README: ``python docs/moving.py`` writes docs/moving.gif, from shipped weights alone.
 
-Three networks, each in its own colour: one that was always fed the truth in training, and stops; the same one
-auto-conditioned, which does not; and one that walks a figure of eight. All as they were generated, on the floor.
+Three networks, each in its own colour: one that was always fed the truth in training, and stops; one that was
+auto-conditioned, and trained longer, and does not; and one that walks a figure of eight. All as they were generated,
+on the floor.
 """
 
 from __future__ import annotations
