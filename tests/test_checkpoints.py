@@ -12,8 +12,10 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 
+from tutorial_lib import pretrained
 from tutorial_lib.data.windows import Normalizer
 from tutorial_lib.errors import CheckpointError
+from tutorial_lib.pretrained.publish import rounded
 from tutorial_lib.representations import make_representation
 from tutorial_lib.training.checkpoints import (
     load_checkpoint,
@@ -102,6 +104,22 @@ def test_half_precision_is_half_the_size_and_near(tmp_path, parts):
         assert got.dtype == torch.float32
         torch.testing.assert_close(got, value, rtol=1e-3, atol=1e-4)
     assert found.normalizer == parts["normalizer"] and np.array_equal(found.seed_frames, parts["seed_frames"])
+
+
+def test_half_precision_leaves_buffers_whole(tmp_path):
+    """What scales a network's numbers is no weight; so a file loads as what ``publish`` has measured."""
+    before = pretrained.load("dfn-samples")
+    scales = [buffer for buffer in before.model.buffers() if buffer.is_floating_point()]
+    for scale in scales:
+        scale.mul_(1.0001)  # no longer what half precision has
+    save_checkpoint(tmp_path / "a.safetensors", system=before.system, model=before.model,
+                    representation=before.representation, half=True)  # fmt: skip
+    after, passed_on = load_checkpoint(tmp_path / "a.safetensors"), rounded(before)
+    assert scales
+    for (name, value), there in zip(
+        after.model.state_dict().items(), passed_on.model.state_dict().values(), strict=True
+    ):
+        assert value.dtype == there.dtype and torch.equal(value, there), name
 
 
 def test_plain_features_need_no_representation(tmp_path, parts):

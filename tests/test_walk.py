@@ -213,6 +213,8 @@ def test_other_bad_input(tmp_path, fails, capsys):
         "walk", "--pretrained", "aclstm-cmu-walking", "--path", "circle", *out)  # fmt: skip
     assert "did you mean vae-lstm-samples" in fails("walk", "--pretrained", "vae-lstm-sample", "--path", "circle", *out)
     assert "no such file" in fails("walk", tmp_path / "x.safetensors", "--path", "circle", *out)
+    told = fails("evaluate", "--pretrained", NAME, "--data", "samples/walking", "--frames", "30")
+    assert "--frames is not for system 'vae-lstm', which walks its paths to the end" in told
     (tmp_path / "taken").write_text("0 0\n1 1\n", encoding="utf-8")
     assert "expected a folder, this is a file" in fails(*circle, "-o", tmp_path / "taken")
     assert "empty name" in fails(*circle, "-o", " ")

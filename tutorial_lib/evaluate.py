@@ -234,8 +234,10 @@ def summary(result: dict[str, Any]) -> list[str]:
         + "  ".join(f"{frame}: {number(c)}" + (f" ({c / true:.0%})" if c is not None else "")
                     for frame, c in change["at"].items()),
     ]  # fmt: skip
+    frozen = min(metrics.FREEZING["seconds"], result["frames"] / result["fps"])
     for name, word in (
-        ("standstill", "stands still, 1 s"), ("freezing", "freezes, 10 s"), ("divergence", "leaves human poses")
+        ("standstill", "stands still, 1 s"), ("freezing", f"freezes, {frozen:g} s"),
+        ("divergence", "leaves human poses"),
     ):  # fmt: skip
         times = [t for t in result[name]["seconds"] if t is not None]
         when = f", at {np.median(times):.1f} s in the middle" if times else ""

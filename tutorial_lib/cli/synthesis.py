@@ -121,9 +121,9 @@ def add(commands) -> None:
     evaluate.add_argument(
         "--frames",
         type=whole(1, MOST["frames"]),
-        default=900,
         metavar="N",
-        help="frames to generate after each seed (default 900)",
+        help="frames to generate after each seed (default 900); not for a network that follows control, whose paths "
+        "say how many",
     )
     evaluate.add_argument(
         "--count",
@@ -284,12 +284,15 @@ def _evaluate(options: argparse.Namespace, _: Sequence[str]) -> None:
     clips = load_clips(options.data)
     clips = unseen(checkpoint, clips) or clips
     if SYSTEMS[checkpoint.system].controlled:
+        if options.frames is not None:
+            raise TutorialError(f"--frames is not for system {checkpoint.system!r}, which walks its paths to the end")
         count = 4 if options.count is None else options.count
         result = evaluate_control.evaluate_control(checkpoint, clips, count=count, seed=options.seed)
         lines = evaluate_control.summary(result)
     else:
         count = 20 if options.count is None else options.count
-        result = evaluate(checkpoint, clips, count=count, frames=options.frames, seed=options.seed, progress=True)
+        frames = 900 if options.frames is None else options.frames
+        result = evaluate(checkpoint, clips, count=count, frames=frames, seed=options.seed, progress=True)
         lines = summary(result)
     result = {"checkpoint": checkpoint.path.name, "data": options.data, **result}
     print("\n".join(lines))

@@ -115,11 +115,12 @@ def save_checkpoint(
     ``model.config`` must be the dataclass that the network was built from. ``seed_frames`` are (K, T, D)
     or (T, D) features in the representation, not normalised. ``state`` is a nested dict of tensors, arrays
     and plain values to resume from. ``half`` stores the weights as float16 (they load as float32 again),
-    for files that are passed on; the normaliser and the seed stay as they are.
+    for files that are passed on; buffers, the normaliser and the seed stay as they are.
     Raises ``CheckpointError`` where the file cannot be written whole (a full disk), ``OSError`` where not begun.
     """
+    weights = dict(model.named_parameters())
     tensors = {
-        f"model.{name}": value.half() if half and value.is_floating_point() else value
+        f"model.{name}": value.half() if half and name in weights else value
         for name, value in model.state_dict().items()
     }
     if normalizer is not None:
