@@ -218,6 +218,23 @@ def test_runs_from_before_there_were_recipes_go_on(walking, tmp_path):
     assert evaluate(checkpoint, test, count=2, frames=30)["system"] == "aclstm"
 
 
+def test_a_start_has_the_features_of_the_run(walking, tmp_path):
+    plain, normalised = (str(tmp_path / f"{name}.safetensors") for name in ("plain", "normalised"))
+    trainer_for(small(), plain, sets=walking).run(progress=False)
+    trainer_for(small(normalize="on"), normalised, sets=walking).run(progress=False)
+    for start, normalize, told in [
+        (normalised, "auto", r"trained on normalised features, .* asks for features as they are \(normalize 'auto'\)"),
+        (normalised, "off", r"trained on normalised features, .* asks for features as they are \(normalize 'off'\)"),
+        (plain, "on", r"trained on features as they are, .* asks for normalised features \(normalize 'on'\)"),
+    ]:
+        with pytest.raises(CheckpointError, match=told) as caught:
+            trainer_for(small(start=start, normalize=normalize), sets=walking)
+        assert start in str(caught.value) and "\n" not in str(caught.value)
+    assert trainer_for(small(start=plain), sets=walking).batches.normalizer is None
+    again = trainer_for(small(start=normalised, normalize="on"), sets=walking)
+    assert again.batches.normalizer == load_checkpoint(normalised).normalizer
+
+
 # --- several data sets ----------------------------------------------------------------------------
 
 

@@ -407,9 +407,7 @@ def trainer_for(
         "pad": recipe.pad,
         "seed": recipe.seed, "groups": [k for k, part in enumerate(shown) for _ in part],
     }  # fmt: skip
-    as_it_is = representation.name == "positions" or kind.reads
-    wanted = recipe.normalize == "on" or (recipe.normalize == "auto" and not as_it_is)
-    if wanted and normalizer is None:  # on drawn windows, so that the random turns are in the statistics
+    if normalizer is None and _normalised(recipe):  # on drawn windows, so that the random turns are in the statistics
         drawn = WindowSampler(train, representation, **window)
         normalizer = Normalizer.fit(drawn.sample() for _ in range(max(1, 2000 // recipe.batch)))
     batches = WindowSampler(train, representation, normalizer=normalizer, **window)
@@ -443,6 +441,14 @@ def _sway_of(clips: Sequence[Motion], fps: float) -> Sway | None:
         return None
 
 
+def _normalised(recipe: Recipe) -> bool:
+    """Whether a run of the recipe is trained on normalised features."""
+    from .training.systems import system_kind
+
+    as_it_is = recipe.representation == "positions" or system_kind(recipe.system).reads
+    return recipe.normalize == "on" or (recipe.normalize == "auto" and not as_it_is)
+
+
 def _start_of(recipe: Recipe) -> Checkpoint:
     """The checkpoint that a run begins with; its features must be those of the recipe."""
     from .training.checkpoints import load_checkpoint
@@ -461,6 +467,13 @@ def _start_of(recipe: Recipe) -> Checkpoint:
     ):
         if asked != there:
             raise CheckpointError(f"{recipe.start}: has {name} {there!r}, a run that starts from it asks for {asked!r}")
+    asked, there = _normalised(recipe), first.normalizer is not None
+    if asked != there:  # the same weights would read other numbers
+        features = {True: "normalised features", False: "features as they are"}
+        raise CheckpointError(
+            f"{recipe.start}: was trained on {features[there]}, a run that starts from it asks for {features[asked]} "
+            f"(normalize {recipe.normalize!r})"
+        )
     return first
 
 
