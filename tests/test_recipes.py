@@ -117,6 +117,7 @@ def test_what_is_not_said_is_the_systems_default():
     ({"system": "vae-lstm", "options": {"kernel": 24}}, "kernel must be odd"),
     ({"system": "vae-lstm", "options": {"deviation": 0}}, "standard deviation above 0"),
     ({"system": "vae-lstm", "options": {"control": (0, 3)}}, "'control' is not an option"),
+    ({"system": "crbm", "normalize": "off"}, "'crbm' is made for features of standard deviation 1: normalize 'off'"),
     ({"learning_rate": 0}, "learning rate must be above 0"),
     ({"schedule": "none"}, "unknown schedule 'none'"),
 ])  # fmt: skip
@@ -145,7 +146,8 @@ def test_every_system_trains_on_every_representation(system, representation, wal
     trainer.run(progress=False)
     assert trainer.finished and len(trainer.history["loss"]) == 3 and np.isfinite(trainer.history["loss"]).all()
     assert all(not torch.equal(value, before[name]) for name, value in weights(trainer).items())
-    assert (trainer.batches.normalizer is None) == (representation == "positions" or bool(SYSTEMS[system].reads))
+    as_it_is = (representation == "positions" and system != "crbm") or bool(SYSTEMS[system].reads)
+    assert (trainer.batches.normalizer is None) == as_it_is
 
 
 class Killed(Exception):
@@ -216,6 +218,15 @@ def test_runs_from_before_there_were_recipes_go_on(walking, tmp_path):
     assert checkpoint.training["data"] == "samples/walking" and checkpoint.provenance["command"] == "old"
     assert len(generate(checkpoint, 4, seeds=test)[0]) == 14
     assert evaluate(checkpoint, test, count=2, frames=30)["system"] == "aclstm"
+
+
+def test_a_crbm_from_before_positions_were_normalised_goes_on_as_it_was(walking, tmp_path, monkeypatch):
+    recipe, path = small("crbm", representation="positions", steps=4), tmp_path / "old.safetensors"
+    with monkeypatch.context() as then:
+        then.setattr("tutorial_lib.recipes._normalised", lambda recipe: False)
+        trainer_for(recipe, path, sets=walking).run(progress=False, max_seconds=0.0)
+    old = trainer_for(recipe, path, sets=walking)
+    assert 0 < old.step < 4 and old.batches.normalizer is None
 
 
 def test_a_start_has_the_features_of_the_run(walking, tmp_path):

@@ -94,7 +94,8 @@ def add(commands) -> None:
     setting(
         group,
         "--normalize",
-        "bring every number to mean 0 and deviation 1; auto: all but positions, which the paper takes in metres",
+        "bring every number to mean 0 and deviation 1; auto: all but positions, which the paper takes in metres "
+        "(crbm: positions, too)",
         choices=NORMALIZE,
     )
     setting(
