@@ -96,6 +96,8 @@ def test_what_is_not_said_is_the_systems_default():
     ({"system": "aclstm", "options": {"decay": 3}}, "'decay' is not an option of system 'aclstm'; it has u, v, noise"),
     ({"system": "aclstm", "options": {"u": 0}}, "u, the frames of truth in a row, must be"),
     ({"system": "seq2seq", "length": 74}, "windows of 75 frames .* .n_seed 50, n_future 25., the length is 74"),
+    ({"system": "aclstm", "length": 6}, "windows of 7 frames with its options .u 5, v 5, noise 0.0., the length is 6"),
+    ({"system": "aclstm", "options": {"u": 99}}, "windows of 101 frames .*, the length is 100"),
     ({"representation": "cube"}, "unknown representation 'cube'"),
     ({"normalize": "maybe"}, "unknown normalize 'maybe': expected one of auto, on, off"),
     ({"joints": "all"}, "unknown joints 'all': expected one of own, common"),

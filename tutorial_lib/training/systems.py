@@ -103,6 +103,11 @@ class AutoConditionedLoss:
         auto_conditioning(1, self.u, self.v)  # raises if they cannot be
         check_noise(self.noise)
 
+    @property
+    def least_length(self) -> int:
+        """The frames that a window must have to feed one own frame, the last being a target only; else it is lstm."""
+        return self.u + 2
+
     def __call__(
         self, model: nn.Module, batch: Tensor, rng: torch.Generator | None = None, progress: float = 0.0
     ) -> Tensor:
