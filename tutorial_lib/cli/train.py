@@ -265,8 +265,9 @@ def _trainer(options: argparse.Namespace, arguments: Sequence[str], device: str)
     for name in own:
         if name not in kind.options:
             raise TutorialError(f"{_flag(name)} is not for system {options.system!r}")
-    check_output(options.out, options.data)
     resuming = options.resume and out.exists()
+    start = None if resuming else given.get("start")  # a run that goes on has read it already
+    check_output(options.out, [*options.data, *([start] if start else [])])
     recipe = _recipe_there(out, {**given, **own}) if resuming else Recipe(**given, options=own)
     if recipe is None:
         return None
