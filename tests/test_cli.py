@@ -598,6 +598,7 @@ def test_no_command_writes_over_its_own_input(trained, tmp_path, fails):
         ("view", clip, "-o", made / ".." / "w.bvh"),
         ("train", "lstm", "--data", clip, "--out", clip, *FAST),
         ("train", "lstm", "--data", made, "--out", made / "m-02.bvh", *FAST),
+        ("train", "lstm", "--data", clip, "--start", model, "--out", made / ".." / "m.safetensors", *FAST),
         ("evaluate", model, "--data", clip, "--json", model),
         ("evaluate", model, "--data", clip, "--json", clip),
         ("generate", model, "--data", made, "--count", "3", "-o", made),

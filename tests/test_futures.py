@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 
@@ -134,6 +135,38 @@ def test_a_stage_leaves_the_other_parts_alone():
 
     trainer.run(progress=False, callback=changed)
     assert seen[0] == seen[1] == {"one"} and seen[2] == {"one", "two"}
+
+
+@pytest.mark.parametrize("stopped", [1, 3, None])
+def test_a_second_trainer_trains_all_stages_again(stopped):
+    """Wherever the first one was stopped, by a stop button, by a defect or not at all."""
+
+    def stop(trainer: Trainer) -> None:
+        if trainer.step == stopped:
+            raise KeyboardInterrupt
+
+    first = two_stages([])
+    first.model.two.bias.requires_grad_(False)
+    first = Trainer(first.system, Numbers(), first.config)
+    with pytest.raises(KeyboardInterrupt) if stopped else contextlib.nullcontext():
+        first.run(progress=False, callback=stop)
+    required = {name for name, p in first.model.named_parameters() if p.requires_grad}
+    assert required == {"one.weight", "one.bias", "two.weight"}
+    before = {name: p.clone() for name, p in first.model.named_parameters()}
+    second = Trainer(first.system, Numbers(), first.config).run(progress=False)
+    changed = {name for name, p in second.model.named_parameters() if not torch.equal(p, before[name])}
+    assert changed == required
+
+
+def test_a_run_that_goes_on_in_another_stage_is_the_same():
+    whole, parted = two_stages([]), two_stages([])
+    parted.model.load_state_dict(whole.model.state_dict())
+    whole.run(progress=False)
+    while not parted.finished:
+        parted.run(progress=False, max_seconds=0.0)
+        assert all(p.requires_grad for p in parted.model.parameters())
+    for one, other in zip(parted.model.parameters(), whole.model.parameters(), strict=True):
+        assert torch.equal(one, other)
 
 
 def test_a_stage_that_fails_keeps_the_stages_before_it():

@@ -96,6 +96,8 @@ def test_what_is_not_said_is_the_systems_default():
     ({"system": "aclstm", "options": {"decay": 3}}, "'decay' is not an option of system 'aclstm'; it has u, v, noise"),
     ({"system": "aclstm", "options": {"u": 0}}, "u, the frames of truth in a row, must be"),
     ({"system": "seq2seq", "length": 74}, "windows of 75 frames .* .n_seed 50, n_future 25., the length is 74"),
+    ({"system": "aclstm", "length": 6}, "windows of 7 frames with its options .u 5, v 5, noise 0.0., the length is 6"),
+    ({"system": "aclstm", "options": {"u": 99}}, "windows of 101 frames .*, the length is 100"),
     ({"representation": "cube"}, "unknown representation 'cube'"),
     ({"normalize": "maybe"}, "unknown normalize 'maybe': expected one of auto, on, off"),
     ({"joints": "all"}, "unknown joints 'all': expected one of own, common"),
@@ -117,6 +119,7 @@ def test_what_is_not_said_is_the_systems_default():
     ({"system": "vae-lstm", "options": {"kernel": 24}}, "kernel must be odd"),
     ({"system": "vae-lstm", "options": {"deviation": 0}}, "standard deviation above 0"),
     ({"system": "vae-lstm", "options": {"control": (0, 3)}}, "'control' is not an option"),
+    ({"system": "crbm", "normalize": "off"}, "'crbm' is made for features of standard deviation 1: normalize 'off'"),
     ({"learning_rate": 0}, "learning rate must be above 0"),
     ({"schedule": "none"}, "unknown schedule 'none'"),
 ])  # fmt: skip
@@ -145,7 +148,8 @@ def test_every_system_trains_on_every_representation(system, representation, wal
     trainer.run(progress=False)
     assert trainer.finished and len(trainer.history["loss"]) == 3 and np.isfinite(trainer.history["loss"]).all()
     assert all(not torch.equal(value, before[name]) for name, value in weights(trainer).items())
-    assert (trainer.batches.normalizer is None) == (representation == "positions" or bool(SYSTEMS[system].reads))
+    as_it_is = (representation == "positions" and system != "crbm") or bool(SYSTEMS[system].reads)
+    assert (trainer.batches.normalizer is None) == as_it_is
 
 
 class Killed(Exception):
@@ -216,6 +220,32 @@ def test_runs_from_before_there_were_recipes_go_on(walking, tmp_path):
     assert checkpoint.training["data"] == "samples/walking" and checkpoint.provenance["command"] == "old"
     assert len(generate(checkpoint, 4, seeds=test)[0]) == 14
     assert evaluate(checkpoint, test, count=2, frames=30)["system"] == "aclstm"
+
+
+def test_a_crbm_from_before_positions_were_normalised_goes_on_as_it_was(walking, tmp_path, monkeypatch):
+    recipe, path = small("crbm", representation="positions", steps=4), tmp_path / "old.safetensors"
+    with monkeypatch.context() as then:
+        then.setattr("tutorial_lib.recipes._normalised", lambda recipe: False)
+        trainer_for(recipe, path, sets=walking).run(progress=False, max_seconds=0.0)
+    old = trainer_for(recipe, path, sets=walking)
+    assert 0 < old.step < 4 and old.batches.normalizer is None
+
+
+def test_a_start_has_the_features_of_the_run(walking, tmp_path):
+    plain, normalised = (str(tmp_path / f"{name}.safetensors") for name in ("plain", "normalised"))
+    trainer_for(small(), plain, sets=walking).run(progress=False)
+    trainer_for(small(normalize="on"), normalised, sets=walking).run(progress=False)
+    for start, normalize, told in [
+        (normalised, "auto", r"trained on normalised features, .* asks for features as they are \(normalize 'auto'\)"),
+        (normalised, "off", r"trained on normalised features, .* asks for features as they are \(normalize 'off'\)"),
+        (plain, "on", r"trained on features as they are, .* asks for normalised features \(normalize 'on'\)"),
+    ]:
+        with pytest.raises(CheckpointError, match=told) as caught:
+            trainer_for(small(start=start, normalize=normalize), sets=walking)
+        assert start in str(caught.value) and "\n" not in str(caught.value)
+    assert trainer_for(small(start=plain), sets=walking).batches.normalizer is None
+    again = trainer_for(small(start=normalised, normalize="on"), sets=walking)
+    assert again.batches.normalizer == load_checkpoint(normalised).normalizer
 
 
 # --- several data sets ----------------------------------------------------------------------------

@@ -293,6 +293,7 @@ def test_losses_of_equations_one_and_two():
     assert scheduled_loss(Adding(), batch, [True, False]).item() == (9**2 + 28**2) / 2
     assert AutoConditionedLoss(1, 1)(Adding(), batch).item() == (9**2 + 28**2) / 2
     assert AutoConditionedLoss(2, 1)(Adding(), batch).item() == next_frame_loss(Adding(), batch).item()
+    assert AutoConditionedLoss(2, 1).least_length == 4 and AutoConditionedLoss(1, 1).least_length == batch.shape[1] == 3
 
 
 class Waves:

@@ -139,6 +139,17 @@ def test_frozen_parameters_stay():
     assert not torch.equal(trainer.model.lstm.weight_hh_l0, before["lstm.weight_hh_l0"])
 
 
+def test_a_network_without_anything_to_learn_is_refused(tmp_path):
+    path = tmp_path / "x.safetensors"
+    system = make_trainer(path).run(progress=False).system
+    there = load_checkpoint(path).model
+    with pytest.raises(TutorialError, match=r"system 'lstm' requires a gradient, .*: model.requires_grad_\(True\)"):
+        Trainer(System("lstm", there, noisy_loss), Waves(), TrainingConfig(steps=3))
+    for model in (there.requires_grad_(True), system.model):  # what the message says to do, it does
+        Trainer(System("lstm", model, noisy_loss), Waves(), TrainingConfig(steps=3)).run(progress=False)
+    assert_same(there, system.model)
+
+
 # --- resuming -------------------------------------------------------------------------------------
 
 

@@ -205,6 +205,19 @@ def test_short_clips_are_left_out_with_one_warning():
     assert frames.min() < 100
 
 
+def test_rates_without_a_window_are_left_out_with_a_warning():
+    clips = [clock(61, name="short"), clock(90, name="long")]
+    told = "^rate 3 left out: no clip is long enough for a window of 5 frames at 3 frames .* 'long', has 3$"
+    with pytest.warns(UserWarning, match=told) as warned:
+        sampler = WindowSampler(clips, POSITIONS, length=5, batch=50, rates=(3, 30, 3))
+    assert len(warned) == 1
+    assert torch.equal(sampler.sample(), WindowSampler(clips, POSITIONS, length=5, batch=50, rates=(30,)).sample())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        WindowSampler([*clips, clock(161)], POSITIONS, length=5, batch=50, rates=(3, 30))  # one clip is enough
+        WindowSampler(clips, POSITIONS, length=5, batch=50, rates=(3, 30), pad=True)
+
+
 def test_refuses_what_it_cannot_sample():
     def make(clips, length=5, batch=2, representation=POSITIONS, **more):
         return WindowSampler(clips, representation, length=length, batch=batch, **more)

@@ -58,7 +58,7 @@ class Recipe:
     batch: int = 32  # windows in a step
     rates: tuple[float, ...] | None = None  # frame rates at which windows are taken; None: fps
     rotate: bool | None = None  # windows are turned about the vertical at random
-    normalize: str = "auto"  # "on", "off", or "auto": all but positions, which the paper takes in metres
+    normalize: str = "auto"  # "on", "off", or "auto": all but positions, which the paper takes in metres (cRBM: all)
     test_fraction: float = 0.2  # share of each data set's clips that is kept out; 0: none
     joints: str | None = None  # "common": every clip is mapped to the 21 common joints first; "own": it is not
     pad: bool | None = None  # clips shorter than a window are lengthened with their first and last pose
@@ -130,6 +130,10 @@ class Recipe:
         TrainingConfig(**self._only(TrainingConfig))
         if kind.reads and self.normalize == "on":
             raise TutorialError(f"system {self.system!r} takes features as they are: normalize 'on' is not for it")
+        if kind.normalized and self.normalize == "off":
+            raise TutorialError(
+                f"system {self.system!r} is made for features of standard deviation 1: normalize 'off' is not for it"
+            )
         loss = kind.loss
         if kind.loss_options:
             loss = kind.loss(**{name: self.options[name] for name in kind.loss_options})
@@ -407,9 +411,8 @@ def trainer_for(
         "pad": recipe.pad,
         "seed": recipe.seed, "groups": [k for k, part in enumerate(shown) for _ in part],
     }  # fmt: skip
-    as_it_is = representation.name == "positions" or kind.reads
-    wanted = recipe.normalize == "on" or (recipe.normalize == "auto" and not as_it_is)
-    if wanted and normalizer is None:  # on drawn windows, so that the random turns are in the statistics
+    if normalizer is None and there is None and _normalised(recipe):  # a run that is there keeps what it has
+        # on drawn windows, so that the random turns are in the statistics
         drawn = WindowSampler(train, representation, **window)
         normalizer = Normalizer.fit(drawn.sample() for _ in range(max(1, 2000 // recipe.batch)))
     batches = WindowSampler(train, representation, normalizer=normalizer, **window)
@@ -443,6 +446,15 @@ def _sway_of(clips: Sequence[Motion], fps: float) -> Sway | None:
         return None
 
 
+def _normalised(recipe: Recipe) -> bool:
+    """Whether a run of the recipe is trained on normalised features."""
+    from .training.systems import system_kind
+
+    kind = system_kind(recipe.system)
+    as_it_is = (recipe.representation == "positions" and not kind.normalized) or kind.reads
+    return recipe.normalize == "on" or (recipe.normalize == "auto" and not as_it_is)
+
+
 def _start_of(recipe: Recipe) -> Checkpoint:
     """The checkpoint that a run begins with; its features must be those of the recipe."""
     from .training.checkpoints import load_checkpoint
@@ -461,6 +473,13 @@ def _start_of(recipe: Recipe) -> Checkpoint:
     ):
         if asked != there:
             raise CheckpointError(f"{recipe.start}: has {name} {there!r}, a run that starts from it asks for {asked!r}")
+    asked, there = _normalised(recipe), first.normalizer is not None
+    if asked != there:  # the same weights would read other numbers
+        features = {True: "normalised features", False: "features as they are"}
+        raise CheckpointError(
+            f"{recipe.start}: was trained on {features[there]}, a run that starts from it asks for {features[asked]} "
+            f"(normalize {recipe.normalize!r})"
+        )
     return first
 
 

@@ -94,7 +94,8 @@ def add(commands) -> None:
     setting(
         group,
         "--normalize",
-        "bring every number to mean 0 and deviation 1; auto: all but positions, which the paper takes in metres",
+        "bring every number to mean 0 and deviation 1; auto: all but positions, which the paper takes in metres "
+        "(crbm: positions, too)",
         choices=NORMALIZE,
     )
     setting(
@@ -264,8 +265,9 @@ def _trainer(options: argparse.Namespace, arguments: Sequence[str], device: str)
     for name in own:
         if name not in kind.options:
             raise TutorialError(f"{_flag(name)} is not for system {options.system!r}")
-    check_output(options.out, options.data)
     resuming = options.resume and out.exists()
+    start = None if resuming else given.get("start")  # a run that goes on has read it already
+    check_output(options.out, [*options.data, *([start] if start else [])])
     recipe = _recipe_there(out, {**given, **own}) if resuming else Recipe(**given, options=own)
     if recipe is None:
         return None

@@ -145,7 +145,8 @@ class WindowSampler:
         however long it is; by default all clips are one.
 
     Every start of a window in a group is equally likely (between frame rates, in proportion to seconds). Clips too
-    short for any window are left out with one warning, or with ``pad`` are in every one of their windows whole.
+    short for any window are left out with one warning, or with ``pad`` are in every one of their windows whole; a rate
+    at which no clip is long enough is left out with a warning as well.
     Raises ``DataError`` where no clip of a group is long enough, ``MotionError`` where a clip does not fit the
     representation.
     """
@@ -187,6 +188,7 @@ class WindowSampler:
     def _gather(self, motions: list[Motion], groups: list[int]) -> None:
         """All clips behind each other in one buffer, and a table of where windows may start in it."""
         positions, rotations, table, too_short, size = [], [], [], [], 0
+        drawn_at = set()  # rates
         for motion, group in zip(motions, groups, strict=True):
             self.representation.check_skeleton(motion)
             rows_before, stored = len(table), {}
@@ -206,6 +208,7 @@ class WindowSampler:
                     positions.append(torch.tensor(clip.positions[:, where], dtype=torch.float32))
                     if self.representation.uses_rotations:
                         rotations.append(torch.tensor(clip.rotations, dtype=torch.float32))
+                drawn_at.add(rate)
                 table.append((stored[clip.fps, len(clip)], starts, stride, starts / clip.fps, group))
             if len(table) == rows_before:
                 too_short.append(motion)
@@ -220,6 +223,9 @@ class WindowSampler:
                 f"{self.length} frames: {some_names(too_short)}",
                 stacklevel=3,
             )
+        for rate in dict.fromkeys(self.rates):  # no error: sets of short clips are trained at the rates that they have
+            if rate not in drawn_at:
+                warnings.warn(f"rate {rate:g} left out: {_too_short(motions, self.length, rate)}", stacklevel=3)
         self._positions = torch.cat(positions)
         self._rotations = torch.cat(rotations) if rotations else None
         offsets, starts, strides, seconds, of = (np.array(column) for column in zip(*table, strict=True))

@@ -103,6 +103,11 @@ class AutoConditionedLoss:
         auto_conditioning(1, self.u, self.v)  # raises if they cannot be
         check_noise(self.noise)
 
+    @property
+    def least_length(self) -> int:
+        """The frames that a window must have to feed one own frame, the last being a target only; else it is lstm."""
+        return self.u + 2
+
     def __call__(
         self, model: nn.Module, batch: Tensor, rng: torch.Generator | None = None, progress: float = 0.0
     ) -> Tensor:
@@ -203,6 +208,7 @@ class SystemKind:
     ``reads`` names the only representations that the network can read, if it must know more of them than their width:
     its configuration then has the representation's own as ``features``, and it takes features as they are, never
     normalised.
+    ``normalized`` : whether the network is made for features of standard deviation 1, so that they always are.
     ``recipe`` has what a training run is by default, where it is not what other systems have.
     ``predicts`` : whether the network tells the next frame, and so lives on its own output after a seed.
     ``futures`` : whether it goes on from a seed in another way, by chance: :mod:`tutorial_lib.generate_futures`.
@@ -214,6 +220,7 @@ class SystemKind:
     loss: LossFunction
     parts: tuple[str, ...] = ()
     reads: tuple[str, ...] = ()
+    normalized: bool = False
     recipe: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     predicts: bool = True
     futures: bool = False
@@ -310,7 +317,8 @@ SYSTEMS: dict[str, SystemKind] = {
         CRBM,
         CRBMConfig,
         ContrastiveDivergence,
-        recipe={"representation": "hip-frame"},  # normalised: its visible units have a standard deviation of 1
+        normalized=True,  # its visible units have a standard deviation of 1
+        recipe={"representation": "hip-frame"},
     ),
     "dynamic-future-net": SystemKind(
         "Dynamic Future Net (Chen et al.): imagines one of many futures and moves towards it; trained in three stages",

@@ -146,6 +146,11 @@ class Trainer:
 
         self.model.to(self.device)
         self._parameters = [p for p in self.model.parameters() if p.requires_grad]
+        if not self._parameters:  # as load_checkpoint hands a network out
+            raise TutorialError(
+                f"no parameter of the network of system {system.name!r} requires a gradient, expected one or more: "
+                "model.requires_grad_(True) lets all be trained"
+            )
         fused = self.device.type in ("cpu", "cuda")  # the same numbers, three times as fast on a CPU
         self._optimizer = torch.optim.Adam(self._parameters, lr=self.config.learning_rate, fused=fused)
         self._rng = torch.Generator().manual_seed(self.config.seed)
@@ -239,6 +244,7 @@ class Trainer:
         bar = plot = None
         progress, live_plot = progress and self._workers.first, live_plot and self._workers.first
         self._workers.same_weights(self.model)
+        required = [(parameter, parameter.requires_grad) for parameter in self.model.parameters()]
         try:
             with self._own_global_rng(), _deferred_interrupt() as interrupt:
                 while not self.finished:
@@ -281,6 +287,8 @@ class Trainer:
             if bar is not None:
                 bar.close()
                 plot.close(losses)
+            for parameter, requires_grad in required:  # stages have changed it; another trainer goes by it
+                parameter.requires_grad_(requires_grad)
             self.model.eval()
         self.save()
         return self
