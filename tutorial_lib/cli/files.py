@@ -176,6 +176,6 @@ def _data_where(options: argparse.Namespace, _: Sequence[str]) -> None:
     from .. import data
 
     for name in options.names:
-        print(folder := data.where(name))
-        if not folder.is_dir():
+        print(data.where(name))
+        if data.listed(name).at_hand == "to download":  # its folder may be there, empty, from a fetch that failed
             print(f"note: {name} is not at hand yet; data fetch {name} fills that folder", file=sys.stderr)
