@@ -63,6 +63,20 @@ def test_windows_are_all_stretches(poses):
         diversity.windows_of(poses, 6)
 
 
+def test_windows_overlap_and_nobody_writes_to_two_at_once(poses):
+    before = poses.copy()
+    windows = diversity.windows_of(poses, 3)
+    with pytest.raises(ValueError, match="read-only"):
+        windows -= windows.mean(-2, keepdims=True)
+    assert np.shares_memory(windows, poses), "thousands of motions are not copied a window's length times"
+    tensor = torch.from_numpy(poses)
+    windows = diversity.windows_of(tensor, 3)
+    truth = np.stack([before[:, k : k + 3] for k in range(3)], 1)
+    windows -= windows.mean(-2, keepdim=True)
+    np.testing.assert_allclose(windows, truth - truth.mean(-2, keepdims=True))
+    np.testing.assert_array_equal(poses, before)
+
+
 def test_one_motion_is_no_distribution(poses):
     with pytest.raises(TutorialError, match="2 motions or more"):
         diversity.pairwise_distance(poses[:1])

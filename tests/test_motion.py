@@ -63,6 +63,15 @@ def test_nothing_in_it_can_be_changed(small_motion):
     m = Motion(ONE, 30, given)
     given[:] = 1
     assert not m.positions.any()
+    pose = np.zeros((2, 3))  # a view that is read-only itself, of what is not
+    m = Motion(ONE, 30, np.broadcast_to(pose, (5, 2, 3)))
+    pose[:] = 1
+    assert not m.positions.any()
+    memory = bytearray(48)
+    m = Motion(ONE, 30, np.frombuffer(memoryview(memory).toreadonly()).reshape(1, 2, 3))
+    memory[:] = np.ones(6).tobytes()
+    assert not m.positions.any()
+    assert np.shares_memory(small_motion.positions, small_motion[10:20].positions), "what is safe is not copied"
 
 
 def test_slices(small_motion):

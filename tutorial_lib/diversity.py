@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
 from .errors import TutorialError
@@ -89,12 +90,22 @@ def nearest_window(windows: Array, others: Array) -> Array:
     return torch.cat(parts) * scale
 
 
-@numpy_or_torch
 def windows_of(frames: Array, length: int, stride: int = 1) -> Array:
     """All stretches of ``length`` frames that begin ``stride`` apart: ``(..., T, P)`` to ``(..., N, length, P)``.
 
+    Of a numpy array a read-only view, which needs no memory of its own; of a tensor a copy.
     Raises ``TutorialError`` where there are fewer frames than that.
     """
+    # windows overlap: who wrote to one of a view would change its neighbours, and the frames that were given
+    windows = _windows_of(frames, length, stride)
+    if isinstance(windows, np.ndarray):
+        windows.setflags(write=False)
+        return windows
+    return windows.clone()  # a tensor cannot be made read-only
+
+
+@numpy_or_torch
+def _windows_of(frames: Array, length: int, stride: int) -> Array:
     if length < 1 or stride < 1 or frames.ndim < 2 or frames.shape[-2] < length:
         raise TutorialError(f"windows of {length} frames, {stride} apart, of frames of shape {tuple(frames.shape)}")
     return frames.unfold(-2, length, stride).transpose(-1, -2)

@@ -232,10 +232,19 @@ def some_names(motions: Sequence[Motion], most: int = 5) -> str:
 def _read_only(array: np.ndarray) -> np.ndarray:
     """``array`` as float64 that nobody can write to; copied unless it already is that."""
     array = np.asarray(array)
-    if array.dtype != np.float64 or array.flags.writeable:
+    if array.dtype != np.float64 or _can_change(array):
         array = array.astype(np.float64)
         array.setflags(write=False)
     return array
+
+
+def _can_change(array: np.ndarray) -> bool:
+    """Whether somebody may write to its memory: of a read-only view (``np.broadcast_to``) who has what it views."""
+    while isinstance(array, np.ndarray):
+        if array.flags.writeable:
+            return True
+        array = array.base
+    return array is not None  # memory that is not numpy's: who writes there is not known
 
 
 def whole_ratio(fps: float, rate: float) -> int:
