@@ -276,6 +276,14 @@ def test_what_else_does_not_fit(checkpoint, control, clips, small_motion):
         generate_from_control(checkpoint, control, codes="two")
 
 
+def test_seeds_are_numpys_numbers_too(checkpoint, control):
+    made, same = (generate_from_control(checkpoint, control[:20], seed=s)[0] for s in (np.int64(3), 3))
+    np.testing.assert_array_equal(made.positions, same.positions)
+    for seed in (-1, None, 0.5):
+        with pytest.raises(TutorialError, match=f"the seed must be a whole number of 0 or more, not {seed!r}"):
+            generate_from_control(checkpoint, control, seed=seed)
+
+
 def test_each_kind_of_network_in_its_own_place(checkpoint, control, clips, tmp_path):
     with pytest.raises(CheckpointError, match="'vae-lstm', which follows a control signal .*walks a path"):
         generate(checkpoint, 10, seeds=clips[1])

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from .chance import seeded
 from .data.windows import Normalizer
 from .errors import CheckpointError, MotionError, TutorialError
 from .generate import prepare_for, representation_of
@@ -222,7 +223,7 @@ def generate_control_features(
 ) -> np.ndarray:
     """What :func:`generate_from_control` makes motions of: (K, T, 3) control to (K, T, D) features of the
     representation, not normalised, with the *predicted* control in its channels."""
-    model, generator = control_network(checkpoint), torch.Generator().manual_seed(seed)
+    model, generator = control_network(checkpoint), seeded(seed)
     device = next(model.parameters()).device
     count, length = control.shape[:2]
     if codes not in CODES:
