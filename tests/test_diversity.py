@@ -30,6 +30,9 @@ def test_the_band_is_of_the_distances_to_the_mean_pose(poses):
     band = diversity.mean_distance_band(poses)
     np.testing.assert_allclose(band.mean, distance.mean(0))
     np.testing.assert_allclose(band.deviation, distance.std(0))
+    as_torch = diversity.mean_distance_band(torch.from_numpy(poses))
+    np.testing.assert_allclose(as_torch.mean, band.mean)
+    np.testing.assert_allclose(as_torch.deviation, band.deviation)
     data = diversity.mean_distance_band(poses.reshape(35, 1, 6))
     assert data.mean.shape == (1,)
 

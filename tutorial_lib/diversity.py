@@ -43,7 +43,9 @@ def mean_distance(poses: Array) -> Array:
 
 
 class Band(NamedTuple):
-    """Figure 9: mean and standard deviation over motions of :func:`mean_distance`, ``(T,)`` each, in metres."""
+    """Figure 9: mean and standard deviation over motions of :func:`mean_distance`, ``(T,)`` each, in metres.
+
+    The deviation is that of these K motions (over K, not K - 1)."""
 
     mean: Array
     deviation: Array
@@ -53,7 +55,9 @@ def mean_distance_band(poses: Array) -> Band:
     """The band of K motions ``(K, T, P)``, frame by frame. For that of a data set, which has no time, take its poses as
     N motions of one frame, ``(N, 1, P)``."""
     distance = mean_distance(poses)
-    return Band(distance.mean(0), distance.std(0))
+    # numpy divides by K unless it is told, torch by K - 1
+    deviation = distance.std(0, correction=0) if isinstance(distance, torch.Tensor) else distance.std(0)
+    return Band(distance.mean(0), deviation)
 
 
 @numpy_or_torch
