@@ -44,6 +44,12 @@ def test_a_band_covers_what_it_shares():
     assert coverage(low, high, low, high) == pytest.approx(1.0)
     assert coverage(low, high, 0 * one, 2 * one) == pytest.approx((1 + 1) / 4)
     assert coverage(low, high, 5 * one, 6 * one) == 0
+    for kind in (np.asarray, torch.from_numpy):  # plain numbers are the same
+        assert float(coverage(kind(low), kind(high), 0, 2.0)) == pytest.approx((1 + 1) / 4)
+        assert float(coverage(kind(low), kind(high), 0.2, 0.8)) == coverage(low, high, 0.2 * one, 0.8 * one)
+    assert coverage(0.0, 1.0, 0.5, 2.5) == pytest.approx(0.25)
+    with pytest.raises(TutorialError, match="no area"):
+        coverage(low, high, 0.8, 0.2)
     with pytest.raises(TutorialError, match="no area"):
         coverage(low, high, one, one)
 

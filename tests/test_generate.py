@@ -335,6 +335,13 @@ def test_evaluation_in_numbers(small_skeleton):
     assert any("freezes, 10 s" in line and "5 of 5, at 0.0 s" in line for line in summary(result))
 
 
+def test_a_figure_without_bones_is_evaluated_but_for_them():
+    point = Skeleton(("a",), (-1,), np.zeros((1, 3)))
+    clip = Motion(point, 30.0, np.random.default_rng(0).normal(size=(60, 1, 3)))
+    result = evaluate(checkpoint_for(clip, Repeating(3)), [clip], count=2, frames=30)
+    assert result["bone_drift"] == {"generated": None, "true": None} and result["motion_change"]["true"] > 0
+
+
 def test_evaluation_sees_a_body_that_grows(small_skeleton, small_motion):
     """Counting adds a metre to every coordinate about the root and frame: it leaves human poses at once."""
     result = evaluate(checkpoint_for(small_motion, Counting(21)), [small_motion], count=3, frames=40)

@@ -64,9 +64,14 @@ def mean_distance_band(poses: Array) -> Band:
 def band_coverage(low: Array, high: Array, data_low: Array, data_high: Array) -> Array:
     """Share of the area of the data's band that lies in the band of generated motions: a number, 0 to 1.
 
-    All four are ``(T,)``, or the data's one number each; a band's edges are one deviation below and above its mean.
+    All four are ``(T,)``, or plain numbers, as the data's are, which have no time; a band's edges are one deviation
+    below and above its mean.
     Raises ``TutorialError`` for a band of the data without area.
     """
+    edges = (low, high, data_low, data_high)
+    like = next((x for x in edges if isinstance(x, torch.Tensor)), torch.zeros((), dtype=torch.float64))
+    low, high, data_low, data_high = (torch.as_tensor(x, dtype=like.dtype, device=like.device)
+                                      if isinstance(x, (int, float)) else x for x in edges)  # fmt: skip
     shared = (torch.minimum(high, data_high) - torch.maximum(low, data_low)).clamp(min=0)
     area = (data_high - data_low).expand_as(shared)
     if not bool((area >= 0).all()) or not float(area.sum()) > 0:

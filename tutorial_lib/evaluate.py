@@ -191,6 +191,11 @@ def evaluate(
 def flaws(run: Rollouts) -> dict[str, Any]:
     """``foot_skate`` and ``bone_drift``, generated and true, as :func:`evaluate` gives them."""
     fps, skeleton = run.fps, run.representation.skeleton
+
+    def drift(positions: np.ndarray) -> float:
+        bones = (skeleton.bone_lengths > 0).any()  # a figure of one node has none that could change
+        return metrics.bone_length_drift(positions, skeleton).mean() if bones else math.nan
+
     true_positions = [motion.positions for motion in run.clips]
     try:
         feet = metrics.foot_joints(skeleton)
@@ -209,8 +214,8 @@ def flaws(run: Rollouts) -> dict[str, Any]:
     return {
         "foot_skate": skate,
         "bone_drift": {
-            "generated": metrics.bone_length_drift(run.positions, skeleton).mean(),
-            "true": _weighted([(metrics.bone_length_drift(x, skeleton).mean(), len(x)) for x in true_positions]),
+            "generated": drift(run.positions),
+            "true": _weighted([(drift(x), len(x)) for x in true_positions]),
         },
     }
 
