@@ -335,6 +335,15 @@ def test_evaluation_in_numbers(small_skeleton):
     assert any("freezes, 10 s" in line and "5 of 5, at 0.0 s" in line for line in summary(result))
 
 
+def test_one_motion_is_a_list_of_one(small_motion):
+    checkpoint = checkpoint_for(small_motion)
+    one, several = (generate(checkpoint, 5, seeds=seeds, count=2) for seeds in (small_motion, [small_motion]))
+    assert all(np.array_equal(a.positions, b.positions) for a, b in zip(one, several, strict=True))
+    clip = small_motion.with_name("a")
+    one, several = (evaluate(checkpoint, clips, count=3, frames=60) for clips in (clip, [clip]))
+    assert one == several and one["clips"] == ["a"] and unseen(checkpoint, clip) == [clip]
+
+
 def test_a_figure_without_bones_is_evaluated_but_for_them():
     point = Skeleton(("a",), (-1,), np.zeros((1, 3)))
     clip = Motion(point, 30.0, np.random.default_rng(0).normal(size=(60, 1, 3)))

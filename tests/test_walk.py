@@ -101,7 +101,8 @@ def test_a_seed_that_is_none_is_told(checkpoint):
 
 def test_another_sway_can_be_given(checkpoint, clips):
     bare = dataclasses.replace(checkpoint, sway=None)
-    with pytest.raises(CheckpointError, match="brings no sway of a gait .* control.fit_sway, or False"):
+    told = r"brings no sway .*: expected a vae-lstm .*walking \(in Python also sway=, .*control.fit_sway, or False"
+    with pytest.raises(CheckpointError, match=told):
         walk(bare, "circle")
     assert find_strides(walk(bare, "circle", sway=fit_sway(clips[0]), clean=False)[0]).steps > 10
 

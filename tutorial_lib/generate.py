@@ -15,7 +15,7 @@ from .chance import is_whole, seeded, whole_seed
 from .errors import CheckpointError, DataError, TutorialError
 from .models.dynamic_future_net import DynamicFutureNet
 from .models.future_stream import FutureStream
-from .motion.clip import Motion
+from .motion.clip import Motion, as_list
 from .motion.retarget import to_common
 from .motion.skeletons import COMMON_JOINTS, recognise, standing_height
 from .representations import Representation
@@ -324,7 +324,7 @@ def generate(
     checkpoint: Checkpoint,
     n_frames: int,
     *,
-    seeds: Sequence[Motion] | np.ndarray | Tensor | None = None,
+    seeds: Motion | Sequence[Motion] | np.ndarray | Tensor | None = None,
     count: int = 1,
     seed: int = 0,
     seed_frames: int = SEED_FRAMES,
@@ -336,7 +336,7 @@ def generate(
     Parameters
     ----------
     n_frames : frames to make after the seed.
-    seeds : clips to cut the seeds from: :class:`Motion` values, brought to the network's frame rate and size,
+    seeds : clips to cut the seeds from: one :class:`Motion` or several, brought to the network's frame rate and size,
         or features (K, T, D). By default those that the checkpoint carries.
     count, seed : how many motions, and the number that chooses their seeds, and what a network draws that does.
     seed_frames : length of a seed.
@@ -358,7 +358,7 @@ def generate_each(
     checkpoint: Checkpoint,
     n_frames: int,
     *,
-    seeds: Sequence[Motion] | np.ndarray | Tensor | None = None,
+    seeds: Motion | Sequence[Motion] | np.ndarray | Tensor | None = None,
     count: int = 1,
     seed: int = 0,
     seed_frames: int = SEED_FRAMES,
@@ -387,7 +387,7 @@ def generate_each(
 
 def choose_seeds(
     checkpoint: Checkpoint,
-    seeds: Sequence[Motion] | np.ndarray | Tensor | None = None,
+    seeds: Motion | Sequence[Motion] | np.ndarray | Tensor | None = None,
     *,
     count: int = 1,
     seed: int = 0,
@@ -407,6 +407,7 @@ def choose_seeds(
                 f"a seed of {frames} frames was asked for, the checkpoint's own seeds have {seeds.shape[1]}: "
                 "give it clips to start from"
             )
+    seeds = as_list(seeds)
     clips = prepare_for(checkpoint, seeds) if len(seeds) and isinstance(seeds[0], Motion) else seeds
     chosen = choose_windows([len(clip) for clip in clips], frames=frames, count=count, seed=seed)
     windows = [clips[k][start : start + frames] for k, start in chosen]

@@ -123,7 +123,7 @@ def gait_to_walk(checkpoint: Checkpoint, sway: Sway | bool = True) -> Sway | Non
         return None
     if checkpoint.sway is None:
         raise CheckpointError(
-            f"{checkpoint.path}: brings no sway of a gait to walk with, as a vae-lstm that was trained on walking "
-            "does; give one of control.fit_sway, or False to walk without"
+            f"{checkpoint.path}: brings no sway of a gait to walk with: expected a vae-lstm that was trained on "
+            "walking (in Python also sway=, one of control.fit_sway, or False to walk without)"
         )
     return checkpoint.sway

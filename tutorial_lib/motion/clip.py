@@ -224,6 +224,11 @@ class Motion:
         )
 
 
+def as_list(motions: Motion | Sequence[Motion]) -> Sequence[Motion]:
+    """One motion as a list of one; several as they are."""
+    return [motions] if isinstance(motions, Motion) else motions
+
+
 def some_names(motions: Sequence[Motion], most: int = 5) -> str:
     """The names of the first motions, for a message, and dots where there are more."""
     return ", ".join(repr(m.name) for m in motions[:most]) + (", ..." if len(motions) > most else "")
