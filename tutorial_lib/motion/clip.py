@@ -37,7 +37,7 @@ class Motion:
         put(self, "positions", _read_only(self.positions))
         if self.rotations is not None:
             put(self, "rotations", _read_only(self.rotations))
-        what = f"motion {self.name!r}: " if self.name else "motion: "
+        what = self._called or "motion: "
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise MotionError(f"{what}{self.fps} frames per second, expected a number above zero")
         nodes = self.skeleton.n_joints
@@ -166,7 +166,7 @@ class Motion:
     def scaled_to(self, height: float) -> Motion:
         """Scaled so that the skeleton stands ``height`` metres tall (acRNN: 1.54 m)."""
         if self.height <= 0:
-            raise MotionError("scale to a height: the skeleton's rest pose has none")
+            raise MotionError(f"{self._called}scale to a height: the skeleton's rest pose has none")
         return self.scaled(height / self.height)
 
     def on_ground(self) -> Motion:
@@ -211,6 +211,11 @@ class Motion:
         local = quat_rotate(quat_inv(world[:, parents]), self.positions - self.positions[:, parents])
         local[:, 0] = self.positions[:, 0]
         return local
+
+    @property
+    def _called(self) -> str:
+        """How a message about it begins, so that the one among many files is found."""
+        return f"motion {self.name!r}: " if self.name else ""
 
     def _with(self, **changes) -> Motion:
         return dataclasses.replace(self, **changes)
