@@ -30,6 +30,9 @@ def test_the_band_is_of_the_distances_to_the_mean_pose(poses):
     band = diversity.mean_distance_band(poses)
     np.testing.assert_allclose(band.mean, distance.mean(0))
     np.testing.assert_allclose(band.deviation, distance.std(0))
+    as_torch = diversity.mean_distance_band(torch.from_numpy(poses))
+    np.testing.assert_allclose(as_torch.mean, band.mean)
+    np.testing.assert_allclose(as_torch.deviation, band.deviation)
     data = diversity.mean_distance_band(poses.reshape(35, 1, 6))
     assert data.mean.shape == (1,)
 
@@ -41,6 +44,12 @@ def test_a_band_covers_what_it_shares():
     assert coverage(low, high, low, high) == pytest.approx(1.0)
     assert coverage(low, high, 0 * one, 2 * one) == pytest.approx((1 + 1) / 4)
     assert coverage(low, high, 5 * one, 6 * one) == 0
+    for kind in (np.asarray, torch.from_numpy):  # plain numbers are the same
+        assert float(coverage(kind(low), kind(high), 0, 2.0)) == pytest.approx((1 + 1) / 4)
+        assert float(coverage(kind(low), kind(high), 0.2, 0.8)) == coverage(low, high, 0.2 * one, 0.8 * one)
+    assert coverage(0.0, 1.0, 0.5, 2.5) == pytest.approx(0.25)
+    with pytest.raises(TutorialError, match="no area"):
+        coverage(low, high, 0.8, 0.2)
     with pytest.raises(TutorialError, match="no area"):
         coverage(low, high, one, one)
 
@@ -61,6 +70,20 @@ def test_windows_are_all_stretches(poses):
     assert diversity.windows_of(poses[0], 5).shape == (1, 5, 6)
     with pytest.raises(TutorialError, match="windows of 6 frames"):
         diversity.windows_of(poses, 6)
+
+
+def test_windows_overlap_and_nobody_writes_to_two_at_once(poses):
+    before = poses.copy()
+    windows = diversity.windows_of(poses, 3)
+    with pytest.raises(ValueError, match="read-only"):
+        windows -= windows.mean(-2, keepdims=True)
+    assert np.shares_memory(windows, poses), "thousands of motions are not copied a window's length times"
+    tensor = torch.from_numpy(poses)
+    windows = diversity.windows_of(tensor, 3)
+    truth = np.stack([before[:, k : k + 3] for k in range(3)], 1)
+    windows -= windows.mean(-2, keepdim=True)
+    np.testing.assert_allclose(windows, truth - truth.mean(-2, keepdims=True))
+    np.testing.assert_array_equal(poses, before)
 
 
 def test_one_motion_is_no_distribution(poses):

@@ -447,8 +447,12 @@ def test_prefixes_that_cannot_be(trained, clip, small_motion):
 
 
 @pytest.mark.parametrize("values, told", [
-    ({"n_frames": 0}, "number of frames to generate must be 1 or more, not 0"),
-    ({"count": 0}, "number of motions must be 1 or more, not 0"),
+    ({"n_frames": 0}, "number of frames to generate must be a whole number of 1 or more, not 0"),
+    ({"n_frames": 2.5}, "number of frames to generate must be a whole number of 1 or more, not 2.5"),
+    ({"count": 0}, "number of motions must be a whole number of 1 or more, not 0"),
+    ({"count": True}, "number of motions must be a whole number of 1 or more, not True"),
+    ({"seed": -1}, "seed must be a whole number of 0 or more, not -1"),
+    ({"seed": None}, "seed must be a whole number of 0 or more, not None"),
     ({"temperature": -1}, "temperature must be a number of 0 or more, not -1"),
     ({"temperature": math.nan}, "temperature must be a number of 0 or more, not nan"),
     ({"future": ImposedFuture(0, states=torch.zeros(4, 9))}, "imposed states of 9 numbers, this network's have 3"),
@@ -456,6 +460,16 @@ def test_prefixes_that_cannot_be(trained, clip, small_motion):
 def test_numbers_that_cannot_be(trained, values, told):
     with pytest.raises(TutorialError, match=told):
         generate_futures(trained, **{"n_frames": 5, **values})
+
+
+def test_numpys_numbers_are_numbers_too(trained):
+    states = torch.zeros(2, SIZES["future"])
+    made, same = (
+        generate_futures(trained, whole(5), count=whole(2), seed=whole(3), temperature=real(0.5),
+                         future=ImposedFuture(whole(1), states=states)).features()
+        for whole, real in ((np.int64, np.float32), (int, float))
+    )  # fmt: skip
+    np.testing.assert_array_equal(made, same)
 
 
 @pytest.mark.parametrize("values, told", [

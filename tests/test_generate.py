@@ -242,6 +242,42 @@ def test_what_does_not_fit_is_told_with_both_sides(small_motion):
         generate(plain, 5, seeds=[small_motion])
 
 
+def test_seeds_and_counts_are_numpys_numbers_too(small_motion):
+    for checkpoint in (checkpoint_for(small_motion), crbm_for(small_motion)):
+        for s in np.arange(3):
+            made = generate(checkpoint, np.int64(5), seeds=[small_motion], seed=s, count=np.int64(2))
+            same = generate(checkpoint, 5, seeds=[small_motion], seed=int(s), count=2)
+            assert [np.array_equal(a.positions, b.positions) for a, b in zip(made, same, strict=True)] == [True, True]
+    noisy, same = (generate(checkpoint, 5, seeds=[small_motion], noise=x) for x in (np.float32(0.25), 0.25))
+    assert np.array_equal(noisy[0].positions, same[0].positions)
+
+
+@pytest.mark.parametrize("seed", [-1, None, 1.5, "1", True, 2**64, np.float64(1)])
+def test_what_is_no_seed_is_told_in_one_line(small_motion, seed):
+    checkpoint = checkpoint_for(small_motion)
+    features = np.zeros((1, 10, 21), np.float32)
+    for call in (
+        lambda: generate(checkpoint, 5, seeds=[small_motion], seed=seed),
+        lambda: generate_features(checkpoint, features, 5, seed=seed),
+        lambda: crbm_for(small_motion).model.start(seed),
+    ):
+        with pytest.raises(TutorialError, match="the seed must be a whole number of 0 or more.*, not ") as caught:
+            call()
+        assert str(caught.value).endswith(f"not {seed!r}") and "\n" not in str(caught.value)
+    assert len(generate(checkpoint, 5, seeds=[small_motion], seed=2**64 - 1)) == 1
+
+
+@pytest.mark.parametrize("values", [{"n_frames": 5.5}, {"n_frames": True}, {"count": 1.5}, {"seed_frames": "10"}])
+def test_counts_that_are_not_whole_are_told(small_motion, values):
+    with pytest.raises(TutorialError, match="whole number"):
+        generate(checkpoint_for(small_motion), **{"n_frames": 5, "seeds": [small_motion], **values})
+
+
+def crbm_for(motion: Motion) -> Checkpoint:
+    checkpoint = checkpoint_for(motion, make_system("crbm", 21, hidden=4, seed=0).model)
+    return dataclasses.replace(checkpoint, system="crbm")
+
+
 def test_output_that_is_not_finite_is_told():
     class Exploding(Counting):
         def forward(self, x, state=None):
@@ -297,6 +333,22 @@ def test_evaluation_in_numbers(small_skeleton):
     assert result["bone_drift"]["generated"] == pytest.approx(0, abs=1e-6)
     assert not result["trained_on_these_clips"]
     assert any("freezes, 2 s" in line and "5 of 5, at 0.0 s" in line for line in summary(result))
+
+
+def test_one_motion_is_a_list_of_one(small_motion):
+    checkpoint = checkpoint_for(small_motion)
+    one, several = (generate(checkpoint, 5, seeds=seeds, count=2) for seeds in (small_motion, [small_motion]))
+    assert all(np.array_equal(a.positions, b.positions) for a, b in zip(one, several, strict=True))
+    clip = small_motion.with_name("a")
+    one, several = (evaluate(checkpoint, clips, count=3, frames=60) for clips in (clip, [clip]))
+    assert one == several and one["clips"] == ["a"] and unseen(checkpoint, clip) == [clip]
+
+
+def test_a_figure_without_bones_is_evaluated_but_for_them():
+    point = Skeleton(("a",), (-1,), np.zeros((1, 3)))
+    clip = Motion(point, 30.0, np.random.default_rng(0).normal(size=(60, 1, 3)))
+    result = evaluate(checkpoint_for(clip, Repeating(3)), [clip], count=2, frames=30)
+    assert result["bone_drift"] == {"generated": None, "true": None} and result["motion_change"]["true"] > 0
 
 
 def test_evaluation_sees_a_body_that_grows(small_skeleton, small_motion):

@@ -268,12 +268,46 @@ def test_what_else_does_not_fit(checkpoint, control, clips, small_motion):
         generate_from_control(checkpoint, control, start=other)
     with pytest.raises(TutorialError, match="unknown integrate 'both': expected one of given, predicted"):
         generate_from_control(checkpoint, control, integrate="both")
-    with pytest.raises(TutorialError, match="1 or more, not 0"):
-        generate_from_control(checkpoint, control, count=0)
+    for count in (0, -1, 1.5, True):
+        with pytest.raises(TutorialError, match=f"number of motions to generate .* 1 or more, not {count}"):
+            generate_from_control(checkpoint, control, count=count)
+    with pytest.raises(TutorialError, match="control for no motion at all"):
+        generate_from_control(checkpoint, control[None][:0])
+    for chunk in (0, -5, 2.5):
+        with pytest.raises(TutorialError, match=f"chunk, must be a whole number of 1 or more, not {chunk}"):
+            generate_from_control(checkpoint, control, chunk=chunk)
     with pytest.raises(TutorialError, match="expected codes 'one' or 'held' with it, not 'per-step'"):
         generate_from_control(checkpoint, control, start=clips[1][0], codes="per-step")
     with pytest.raises(TutorialError, match="unknown codes 'two': expected one of one, per-step, held"):
         generate_from_control(checkpoint, control, codes="two")
+
+
+@pytest.mark.parametrize("values, told", [
+    ({"place": np.zeros((3, 2))}, r"place of shape \(3, 2\) for 2 motions: expected \(x, z\) .*, or 2 of them"),
+    ({"place": (1.0,)}, r"place of shape \(1,\) for 2 motions"),
+    ({"place": "here"}, "place 'here': expected"),
+    ({"place": [[0, 0], [1]]}, r"place \[\[0, 0\], \[1\]\]: expected"),
+    ({"heading": np.zeros(3)}, r"heading of shape \(3,\) for 2 motions: expected a number in radians"),
+])  # fmt: skip
+def test_beginnings_that_do_not_fit(checkpoint, control, values, told):
+    with pytest.raises(MotionError, match=told) as caught:
+        generate_from_control(checkpoint, control[:20], count=2, **values)
+    assert "\n" not in str(caught.value)
+
+
+def test_beginnings_for_all_or_for_each(checkpoint, control):
+    for place in ((1.0, 2.0), [[1.0, 2.0]], np.array([[1.0, 2.0]] * 2), (1.0, 0.5, 2.0)):
+        for heading in (0.5, np.array([0.5]), np.array([0.5, 0.5])):
+            made = generate_from_control(checkpoint, control[:20], count=2, place=place, heading=heading)
+            np.testing.assert_allclose([m.positions[0, 0, ::2] for m in made], [[1.0, 2.0]] * 2, atol=1e-6)
+
+
+def test_seeds_are_numpys_numbers_too(checkpoint, control):
+    made, same = (generate_from_control(checkpoint, control[:20], seed=s)[0] for s in (np.int64(3), 3))
+    np.testing.assert_array_equal(made.positions, same.positions)
+    for seed in (-1, None, 0.5):
+        with pytest.raises(TutorialError, match=f"the seed must be a whole number of 0 or more, not {seed!r}"):
+            generate_from_control(checkpoint, control, seed=seed)
 
 
 def test_each_kind_of_network_in_its_own_place(checkpoint, control, clips, tmp_path):

@@ -17,6 +17,7 @@ PACKAGE = pathlib.Path(tutorial_lib.__file__).parent
 # Each room stands on the ones before it; rooms of one floor do not know each other.
 FLOORS = (
     {"errors", "atomic", "threads"},
+    {"chance"},
     {"motion"},
     {"representations", "metrics", "diversity"},
     {"models"},

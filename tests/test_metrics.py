@@ -269,6 +269,17 @@ def test_feet_that_are_nowhere_do_not_count_as_standing_still():
         close(metrics.foot_skate(p, [1], 20.0), [15.0, np.nan, np.nan])
 
 
+def test_feet_that_are_nowhere_slide_no_known_way():
+    whole, gone, far = (stepping(0.15) for _ in range(3))
+    gone[70:] = np.nan
+    far[20:30, 1, 1] = np.inf
+    for p in both(np.stack([whole, gone, far])):
+        truth = float(metrics.foot_slide(p[0], [1], 20.0))
+        assert truth > 0
+        for standing in (None, np.full((3, 1), 0.08)):
+            close(metrics.foot_slide(p, [1], 20.0, standing), [truth, np.nan, np.nan])
+
+
 def test_foot_joints_by_name():
     from tutorial_lib.motion.skeletons import COMMON_JOINTS, COMMON_PARENTS
 
@@ -299,6 +310,13 @@ def test_bone_length_drift():
         close(from_second, [[0, 0.5]] * 2)
     with pytest.raises(TutorialError, match="'median'"):
         metrics.bone_length_drift(rest[None], skeleton, reduce="median")
+    single = Skeleton(("a",), (-1,), np.zeros((1, 3)))
+    for reduce in ("mean", "max"):
+        with pytest.raises(TutorialError, match="none of 0 bones has a length in the skeleton"):
+            metrics.bone_length_drift(np.zeros((4, 1, 3)), single, reduce=reduce)
+        with pytest.raises(TutorialError, match="none of 3 bones has a length in the motion's first frame"):
+            metrics.bone_length_drift(np.zeros((4, 4, 3)), skeleton, "first", reduce)
+        assert np.isnan(metrics.bone_length_drift(np.full((4, 4, 3), np.nan), skeleton, "first", reduce)).all()
 
 
 # -- the whole ---------------------------------------------------------------------------------------------

@@ -59,6 +59,23 @@ def test_sides_are_told_by_the_names_of_each_studio(left, right):
     assert other_side(skeleton) == [0, 1, 3, 2]
 
 
+@pytest.mark.parametrize("left, right", [("Hand_L", "Hand_R"), ("lHand", "rHand"), ("LeftHand", "RightHand")])
+@pytest.mark.parametrize("end", ["_end", "_end_"])
+def test_end_sites_are_on_their_joints_side(left, right, end):
+    names = ("root", "head", left, right, f"head{end}", f"{left}{end}", f"{right}{end}")
+    skeleton = Skeleton(names, (-1, 0, 0, 0, 1, 2, 3), np.eye(7)[:, :3], end_sites={4, 5, 6})
+    assert other_side(skeleton) == [0, 1, 3, 2, 4, 6, 5]
+    motion = Motion(skeleton, 30, np.random.default_rng(0).normal(size=(4, 7, 3)))
+    np.testing.assert_array_equal(mirrored(motion).positions[:, 5], motion.positions[:, 6] * [-1, 1, 1])
+
+
+@pytest.mark.parametrize("names", [("root", "Hand_L", "Hand_R", "Hand_L_end"), ("root", "lArm", "rArm", "thumb")])
+def test_a_node_without_a_partner_is_told_by_its_name(names):
+    told = f"no mirror image: '{names[3]}', which hangs from '{names[1]}', has no partner on the other side"
+    with pytest.raises(MotionError, match=told):
+        other_side(Skeleton(names, (-1, 0, 0, 1), np.zeros((4, 3))))
+
+
 def test_training_sees_every_clip_twice():
     """--mirror: the windows are of both, and the provenance counts the clips once."""
     recipe = Recipe("vae-lstm", "samples/walking", hidden=8, batch=256, length=40, steps=1, mirror=True)

@@ -63,6 +63,23 @@ def test_nothing_in_it_can_be_changed(small_motion):
     m = Motion(ONE, 30, given)
     given[:] = 1
     assert not m.positions.any()
+    pose = np.zeros((2, 3))  # a view that is read-only itself, of what is not
+    m = Motion(ONE, 30, np.broadcast_to(pose, (5, 2, 3)))
+    pose[:] = 1
+    assert not m.positions.any()
+    memory = bytearray(48)
+    m = Motion(ONE, 30, np.frombuffer(memoryview(memory).toreadonly()).reshape(1, 2, 3))
+    memory[:] = np.ones(6).tobytes()
+    assert not m.positions.any()
+    assert np.shares_memory(small_motion.positions, small_motion[10:20].positions), "what is safe is not copied"
+
+
+def test_a_motion_without_a_height_is_told_by_its_name():
+    point = Motion(Skeleton(("a",), (-1,), np.zeros((1, 3))), 30, np.zeros((2, 1, 3)))
+    with pytest.raises(MotionError, match="^scale to a height: the skeleton's rest pose has none"):
+        point.scaled_to(1.54)
+    with pytest.raises(MotionError, match="^motion 'walks/07': scale to a height: the skeleton's rest pose has none"):
+        point.with_name("walks/07").scaled_to(1.54)
 
 
 def test_slices(small_motion):

@@ -66,8 +66,16 @@ def test_an_unknown_skeleton_is_told_in_one_line(small_motion):
 @pytest.mark.filterwarnings("error")
 def test_a_body_without_width_is_told(small_motion):
     flat = Skeleton(body("acrnn").names, PARENTS, np.zeros((21, 3)))
-    with pytest.raises(MotionError, match="flat: expected"):
+    with pytest.raises(MotionError, match="^the skeleton's rest pose is flat: expected"):
         to_common(Motion(flat, 30, np.zeros((1, 21, 3))))
+
+
+def test_a_skeleton_that_cannot_be_is_told_with_its_motions_name(small_motion):
+    flat = Skeleton(body("acrnn").names, PARENTS, np.zeros((21, 3)))
+    with pytest.raises(MotionError, match="^motion 'walks/07': the skeleton's rest pose is flat"):
+        to_common(Motion(flat, 30, np.zeros((1, 21, 3)), name="walks/07"))
+    with pytest.raises(MotionError, match="^motion 'walks/08': unknown skeleton .root, spine"):
+        to_common(small_motion.with_name("walks/08"))
 
 
 # -- one rest pose for all -----------------------------------------------------------------------------------

@@ -161,6 +161,9 @@ def test_nothing_in_it_can_be_changed(small_skeleton):
     assert np.array_equal(one.offsets, np.zeros((1, 3)))
     with pytest.raises(ValueError):
         small_skeleton.offsets[0] = 1
+    for shared in (small_skeleton.bones, small_skeleton.bone_lengths):  # kept, and handed out again and again
+        with pytest.raises(ValueError, match="read-only"):
+            shared *= 100
     with pytest.raises(AttributeError):
         small_skeleton.names = ()
 

@@ -10,7 +10,7 @@ import pytest
 from tutorial_lib import pretrained
 from tutorial_lib.cli import main
 from tutorial_lib.control import find_strides, fit_sway, path_deviation, prepared_path
-from tutorial_lib.errors import CheckpointError, MotionError
+from tutorial_lib.errors import CheckpointError, MotionError, TutorialError
 from tutorial_lib.evaluate_control import gait_of, of_pace, summary
 from tutorial_lib.generate_control import generate_control_features
 from tutorial_lib.metrics import bone_length_drift
@@ -92,9 +92,17 @@ def test_the_plan_is_what_the_network_is_asked(checkpoint):
     assert find_strides(slow).cadence < find_strides(fast).cadence
 
 
+def test_a_seed_that_is_none_is_told(checkpoint):
+    planned = [plan_walk(checkpoint, "circle", seed=seed).control for seed in (np.int64(2), 2)]
+    np.testing.assert_array_equal(*planned)
+    with pytest.raises(TutorialError, match="the seed must be a whole number of 0 or more, not -1"):
+        walk(checkpoint, "circle", seed=-1)
+
+
 def test_another_sway_can_be_given(checkpoint, clips):
     bare = dataclasses.replace(checkpoint, sway=None)
-    with pytest.raises(CheckpointError, match="brings no sway of a gait .* control.fit_sway, or False"):
+    told = r"brings no sway .*: expected a vae-lstm .*walking \(in Python also sway=, .*control.fit_sway, or False"
+    with pytest.raises(CheckpointError, match=told):
         walk(bare, "circle")
     assert find_strides(walk(bare, "circle", sway=fit_sway(clips[0]), clean=False)[0]).steps > 10
 

@@ -62,10 +62,10 @@ def train_classifier(
         raise TutorialError(f"a classifier of {len(clips)} actions: expected at least 2")
     windows = {}
     for action, each in clips.items():
-        found = [windows_of(torch.as_tensor(x, dtype=torch.float32), window) for x in each if len(x) >= window]
+        found = [windows_of(np.asarray(x, np.float32), window) for x in each if len(x) >= window]  # views
         if not found:
             raise TutorialError(f"no clip of {action!r} has a window of {window} frames")
-        windows[action] = torch.cat(found)  # (N, W, D)
+        windows[action] = torch.from_numpy(np.concatenate(found))  # (N, W, D)
     dim = next(iter(windows.values())).shape[-1]
     rng = torch.Generator().manual_seed(seed)
     with global_seed(seed):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
 from .errors import TutorialError
@@ -42,7 +43,9 @@ def mean_distance(poses: Array) -> Array:
 
 
 class Band(NamedTuple):
-    """Figure 9: mean and standard deviation over motions of :func:`mean_distance`, ``(T,)`` each, in metres."""
+    """Figure 9: mean and standard deviation over motions of :func:`mean_distance`, ``(T,)`` each, in metres.
+
+    The deviation is that of these K motions (over K, not K - 1)."""
 
     mean: Array
     deviation: Array
@@ -52,16 +55,23 @@ def mean_distance_band(poses: Array) -> Band:
     """The band of K motions ``(K, T, P)``, frame by frame. For that of a data set, which has no time, take its poses as
     N motions of one frame, ``(N, 1, P)``."""
     distance = mean_distance(poses)
-    return Band(distance.mean(0), distance.std(0))
+    # numpy divides by K unless it is told, torch by K - 1
+    deviation = distance.std(0, correction=0) if isinstance(distance, torch.Tensor) else distance.std(0)
+    return Band(distance.mean(0), deviation)
 
 
 @numpy_or_torch
 def band_coverage(low: Array, high: Array, data_low: Array, data_high: Array) -> Array:
     """Share of the area of the data's band that lies in the band of generated motions: a number, 0 to 1.
 
-    All four are ``(T,)``, or the data's one number each; a band's edges are one deviation below and above its mean.
+    All four are ``(T,)``, or plain numbers, as the data's are, which have no time; a band's edges are one deviation
+    below and above its mean.
     Raises ``TutorialError`` for a band of the data without area.
     """
+    edges = (low, high, data_low, data_high)
+    like = next((x for x in edges if isinstance(x, torch.Tensor)), torch.zeros((), dtype=torch.float64))
+    low, high, data_low, data_high = (torch.as_tensor(x, dtype=like.dtype, device=like.device)
+                                      if isinstance(x, (int, float)) else x for x in edges)  # fmt: skip
     shared = (torch.minimum(high, data_high) - torch.maximum(low, data_low)).clamp(min=0)
     area = (data_high - data_low).expand_as(shared)
     if not bool((area >= 0).all()) or not float(area.sum()) > 0:
@@ -89,12 +99,22 @@ def nearest_window(windows: Array, others: Array) -> Array:
     return torch.cat(parts) * scale
 
 
-@numpy_or_torch
 def windows_of(frames: Array, length: int, stride: int = 1) -> Array:
     """All stretches of ``length`` frames that begin ``stride`` apart: ``(..., T, P)`` to ``(..., N, length, P)``.
 
+    Of a numpy array a read-only view, which needs no memory of its own; of a tensor a copy.
     Raises ``TutorialError`` where there are fewer frames than that.
     """
+    # windows overlap: who wrote to one of a view would change its neighbours, and the frames that were given
+    windows = _windows_of(frames, length, stride)
+    if isinstance(windows, np.ndarray):
+        windows.setflags(write=False)
+        return windows
+    return windows.clone()  # a tensor cannot be made read-only
+
+
+@numpy_or_torch
+def _windows_of(frames: Array, length: int, stride: int) -> Array:
     if length < 1 or stride < 1 or frames.ndim < 2 or frames.shape[-2] < length:
         raise TutorialError(f"windows of {length} frames, {stride} apart, of frames of shape {tuple(frames.shape)}")
     return frames.unfold(-2, length, stride).transpose(-1, -2)

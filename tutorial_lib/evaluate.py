@@ -14,7 +14,7 @@ from . import metrics
 from .data.windows import evaluation_windows
 from .errors import DataError, MotionError
 from .generate import SEED_FRAMES, generate_features, prepare_for
-from .motion.clip import Motion, settled_positions
+from .motion.clip import Motion, as_list, settled_positions
 from .representations import Representation
 from .training.checkpoints import Checkpoint
 
@@ -22,7 +22,7 @@ CHANGE_FRAMES = (15, 60, 150, 300, 600, 900)  # frames after the seed at which m
 CHANGE_WINDOW = 15  # steps up to that frame that are averaged
 
 
-def unseen(checkpoint: Checkpoint, motions: Sequence[Motion]) -> list[Motion]:
+def unseen(checkpoint: Checkpoint, motions: Motion | Sequence[Motion]) -> list[Motion]:
     """The clips that the checkpoint was not trained on, by their names; may be empty.
 
     A clip is known by the end of its name: ``samples/walking/01``, as the catalogue has it, is ``walking/01``, as
@@ -33,7 +33,7 @@ def unseen(checkpoint: Checkpoint, motions: Sequence[Motion]) -> list[Motion]:
     def seen(name: str) -> bool:
         return any(other.endswith("/" + name) or ("/" + name).endswith(other) for other in trained_on)
 
-    return [motion for motion in motions if not seen(motion.name)]
+    return [motion for motion in as_list(motions) if not seen(motion.name)]
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,9 @@ class Rollouts:
 
 def roll_out(
     checkpoint: Checkpoint,
-    motions: Sequence[Motion],
+    motions: Motion | Sequence[Motion],
     *,
-    reference: Sequence[Motion] | None = None,
+    reference: Motion | Sequence[Motion] | None = None,
     count: int = 20,
     frames: int = 900,
     seed_frames: int = SEED_FRAMES,
@@ -104,8 +104,8 @@ def roll_out(
         checkpoint's frame rate and size.
     Raises as :func:`evaluate` does.
     """
-    prepared = prepare_for(checkpoint, motions)
-    others = prepared if reference is None else prepare_for(checkpoint, reference)
+    prepared = prepare_for(checkpoint, as_list(motions))
+    others = prepared if reference is None else prepare_for(checkpoint, as_list(reference))
     representation = checkpoint.representation
     fps = representation.fps
     horizon = max(metrics.frames_at(metrics.PAPER_TIMES_MS, fps))
@@ -119,7 +119,7 @@ def roll_out(
 
 def evaluate(
     checkpoint: Checkpoint,
-    motions: Sequence[Motion],
+    motions: Motion | Sequence[Motion],
     *,
     count: int = 20,
     frames: int = 900,
@@ -135,7 +135,7 @@ def evaluate(
 
     Parameters
     ----------
-    motions : clips to take seeds and the truth from, best ones never trained on (:func:`unseen`). They are
+    motions : clips, or one, to take seeds and the truth from, best ones never trained on (:func:`unseen`). They are
         brought to the checkpoint's frame rate and size first.
 
     Returns
@@ -155,6 +155,7 @@ def evaluate(
     Measures of generated motion that is no longer finite are ``None``.
     Raises :class:`DataError` if the clips are too short, ``MotionError`` if their skeleton is another.
     """
+    motions = as_list(motions)
     run = roll_out(
         checkpoint, motions, count=count, frames=frames, seed_frames=seed_frames, seed=seed, progress=progress
     )
@@ -191,6 +192,11 @@ def evaluate(
 def flaws(run: Rollouts) -> dict[str, Any]:
     """``foot_skate`` and ``bone_drift``, generated and true, as :func:`evaluate` gives them."""
     fps, skeleton = run.fps, run.representation.skeleton
+
+    def drift(positions: np.ndarray) -> float:
+        bones = (skeleton.bone_lengths > 0).any()  # a figure of one node has none that could change
+        return metrics.bone_length_drift(positions, skeleton).mean() if bones else math.nan
+
     true_positions = [motion.positions for motion in run.clips]
     try:
         feet = metrics.foot_joints(skeleton)
@@ -209,8 +215,8 @@ def flaws(run: Rollouts) -> dict[str, Any]:
     return {
         "foot_skate": skate,
         "bone_drift": {
-            "generated": metrics.bone_length_drift(run.positions, skeleton).mean(),
-            "true": _weighted([(metrics.bone_length_drift(x, skeleton).mean(), len(x)) for x in true_positions]),
+            "generated": drift(run.positions),
+            "true": _weighted([(drift(x), len(x)) for x in true_positions]),
         },
     }
 

@@ -11,10 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from .chance import is_whole, seeded, whole_seed
 from .errors import CheckpointError, DataError, TutorialError
 from .models.dynamic_future_net import DynamicFutureNet
 from .models.future_stream import FutureStream
-from .motion.clip import Motion
+from .motion.clip import Motion, as_list
 from .motion.retarget import to_common
 from .motion.skeletons import COMMON_JOINTS, recognise, standing_height
 from .representations import Representation
@@ -113,8 +114,8 @@ def synthesize(
     (B, n_frames, D), without the seed.
     """
     _check_seed(seed)
-    if n_frames < 0:
-        raise TutorialError(f"the number of frames to generate must be 0 or more, not {n_frames}")
+    if not is_whole(n_frames) or n_frames < 0:
+        raise TutorialError(f"the number of frames to generate must be a whole number of 0 or more, not {n_frames!r}")
     if given is not None and given.frames < n_frames:
         raise TutorialError(f"{n_frames} frames to generate, the given channels have {given.frames}")
     batch, _, dim = seed.shape
@@ -196,14 +197,16 @@ def choose_windows(
     Every window of every clip is equally likely, and none is taken twice before all have been taken.
     Raises :class:`DataError` if no clip is long enough.
     """
-    if count < 1 or frames < 1:
-        raise TutorialError(f"the count and the length of seeds must be 1 or more, not {count} and {frames}")
+    if not (is_whole(count) and is_whole(frames) and count >= 1 and frames >= 1):
+        raise TutorialError(
+            f"the count and the length of seeds must be whole numbers of 1 or more, not {count!r} and {frames!r}"
+        )
     windows = np.maximum(0, np.asarray(lengths, dtype=np.int64) - frames + 1)  # in each clip
     if windows.sum() == 0:
         raise DataError(
             f"a seed needs {frames} frames, the longest of {len(lengths)} clips has {max(lengths, default=0)}"
         )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(whole_seed(seed))
     picks = np.concatenate([rng.permutation(windows.sum()) for _ in range(-(-count // windows.sum()))])[:count]
     ends = windows.cumsum()
     clips = np.searchsorted(ends, picks, side="right")
@@ -288,7 +291,7 @@ def generate_features(
     draw. Raises :class:`TutorialError` for noise below 0, or for a network that reads none of its own frames.
     """
     check_predicts(checkpoint)
-    futures, chance = SYSTEMS[checkpoint.system].futures, torch.Generator().manual_seed(seed)
+    futures, chance = SYSTEMS[checkpoint.system].futures, seeded(seed)
     if noise and futures:
         raise TutorialError(f"noise is not for system {checkpoint.system!r}, which reads none of its own frames")
     wandering = None
@@ -321,7 +324,7 @@ def generate(
     checkpoint: Checkpoint,
     n_frames: int,
     *,
-    seeds: Sequence[Motion] | np.ndarray | Tensor | None = None,
+    seeds: Motion | Sequence[Motion] | np.ndarray | Tensor | None = None,
     count: int = 1,
     seed: int = 0,
     seed_frames: int = SEED_FRAMES,
@@ -333,7 +336,7 @@ def generate(
     Parameters
     ----------
     n_frames : frames to make after the seed.
-    seeds : clips to cut the seeds from: :class:`Motion` values, brought to the network's frame rate and size,
+    seeds : clips to cut the seeds from: one :class:`Motion` or several, brought to the network's frame rate and size,
         or features (K, T, D). By default those that the checkpoint carries.
     count, seed : how many motions, and the number that chooses their seeds, and what a network draws that does.
     seed_frames : length of a seed.
@@ -355,7 +358,7 @@ def generate_each(
     checkpoint: Checkpoint,
     n_frames: int,
     *,
-    seeds: Sequence[Motion] | np.ndarray | Tensor | None = None,
+    seeds: Motion | Sequence[Motion] | np.ndarray | Tensor | None = None,
     count: int = 1,
     seed: int = 0,
     seed_frames: int = SEED_FRAMES,
@@ -366,8 +369,8 @@ def generate_each(
     each becomes a :class:`Motion`, twice as large, only when its turn comes."""
     check_predicts(checkpoint)
     representation = representation_of(checkpoint)
-    if n_frames < 1:
-        raise TutorialError(f"the number of frames to generate must be 1 or more, not {n_frames}")
+    if not is_whole(n_frames) or n_frames < 1:
+        raise TutorialError(f"the number of frames to generate must be a whole number of 1 or more, not {n_frames!r}")
     features = choose_seeds(checkpoint, seeds, count=count, seed=seed, frames=seed_frames)
     made = generate_features(checkpoint, features, n_frames, noise=noise, seed=seed, progress=progress)
     for k, rest in enumerate(made):
@@ -384,7 +387,7 @@ def generate_each(
 
 def choose_seeds(
     checkpoint: Checkpoint,
-    seeds: Sequence[Motion] | np.ndarray | Tensor | None = None,
+    seeds: Motion | Sequence[Motion] | np.ndarray | Tensor | None = None,
     *,
     count: int = 1,
     seed: int = 0,
@@ -404,6 +407,7 @@ def choose_seeds(
                 f"a seed of {frames} frames was asked for, the checkpoint's own seeds have {seeds.shape[1]}: "
                 "give it clips to start from"
             )
+    seeds = as_list(seeds)
     clips = prepare_for(checkpoint, seeds) if len(seeds) and isinstance(seeds[0], Motion) else seeds
     chosen = choose_windows([len(clip) for clip in clips], frames=frames, count=count, seed=seed)
     windows = [clips[k][start : start + frames] for k, start in chosen]

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from .chance import is_whole, seeded
 from .data.windows import Normalizer
 from .errors import CheckpointError, MotionError, TutorialError
 from .generate import prepare_for, representation_of
@@ -141,6 +142,8 @@ def synthesize_control(model: VAELSTM, control: Tensor, code: Tensor, *, chunk: 
     code : (B, H) from :func:`prior_code` or :func:`posterior_code`; or (B, S, H), one a step, S = T / 4 rounded up.
     chunk : frames computed at once; the memory needed grows with it, the frames do not depend on it.
     """
+    if not is_whole(chunk) or chunk < 1:
+        raise TutorialError(f"the frames computed at once, chunk, must be a whole number of 1 or more, not {chunk!r}")
     stream = ControlStream(model, code)
     parts = [stream.feed(control[:, k : k + chunk]) for k in range(0, control.shape[1], chunk)]
     return torch.cat((*parts, stream.finish()), 1)
@@ -190,12 +193,15 @@ def generate_from_control(
     if integrate not in INTEGRATE:
         raise TutorialError(f"unknown integrate {integrate!r}: expected one of {', '.join(INTEGRATE)}")
     control = check_control(checkpoint, control, fps=fps)
+    if count is not None and not (is_whole(count) and count >= 1):
+        raise TutorialError(f"the number of motions to generate must be a whole number of 1 or more, not {count!r}")
     if control.ndim == 3 and count not in (None, len(control)):
         raise MotionError(f"{len(control)} controls for {count} motions: expected one for each, or one for all")
     if control.ndim == 2:
         control = np.broadcast_to(control, (1 if count is None else count, *control.shape))
     if len(control) < 1:
-        raise TutorialError("the number of motions to generate must be 1 or more, not 0")
+        raise TutorialError("control for no motion at all: expected that of 1 or more")
+    _check_beginning(len(control), place, heading)
     features = generate_control_features(
         checkpoint, control, seed=seed, start=start, codes=codes, chunk=chunk
     )  # (K, T, D)
@@ -211,6 +217,20 @@ def generate_from_control(
     ]
 
 
+def _check_beginning(count: int, place: Sequence[float] | np.ndarray, heading: float | np.ndarray) -> None:
+    """Raise ``MotionError`` unless a place and a heading are one for all of ``count`` motions, or one for each."""
+    for name, value, last, told in (
+        ("place", place, ((2,), (3,)), f"(x, z) or (x, y, z) in metres for all, or {count} of them"),
+        ("heading", heading, ((),), f"a number in radians for all, or {count} of them"),
+    ):
+        try:
+            shape = np.asarray(value, dtype=np.float64).shape
+        except (TypeError, ValueError):
+            raise MotionError(f"{name} {value!r}: expected {told}") from None
+        if shape not in {(*lead, *end) for lead in ((), (1,), (count,)) for end in last}:
+            raise MotionError(f"{name} of shape {shape} for {count} motions: expected {told}")
+
+
 def generate_control_features(
     checkpoint: Checkpoint,
     control: np.ndarray,
@@ -222,7 +242,7 @@ def generate_control_features(
 ) -> np.ndarray:
     """What :func:`generate_from_control` makes motions of: (K, T, 3) control to (K, T, D) features of the
     representation, not normalised, with the *predicted* control in its channels."""
-    model, generator = control_network(checkpoint), torch.Generator().manual_seed(seed)
+    model, generator = control_network(checkpoint), seeded(seed)
     device = next(model.parameters()).device
     count, length = control.shape[:2]
     if codes not in CODES:

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from .chance import is_whole, seeded
 from .errors import CheckpointError, MotionError, TutorialError
 from .generate import prepare_for
 from .models.dynamic_future_net import DynamicFutureNet
@@ -106,8 +107,8 @@ def generate_futures(
     other numbers that cannot be.
     """
     network = network_of(checkpoint)
-    if not isinstance(n_frames, int) or n_frames < 1:
-        raise TutorialError(f"the number of frames to generate must be 1 or more, not {n_frames!r}")
+    if not is_whole(n_frames) or n_frames < 1:
+        raise TutorialError(f"the number of frames to generate must be a whole number of 1 or more, not {n_frames!r}")
     if isinstance(prefix, (np.ndarray, Tensor)):
         prefixes = torch.as_tensor(prefix, dtype=torch.float32)
     else:
@@ -117,9 +118,7 @@ def generate_futures(
             raise TutorialError(f"{count} motions asked for and {len(prefixes)} prefixes given: expected one for each")
         count = len(prefixes)
     device = next(network.parameters()).device
-    stream = FutureStream(
-        network, count, temperature=temperature, generator=torch.Generator().manual_seed(seed), imposed=future
-    )
+    stream = FutureStream(network, count, temperature=temperature, generator=seeded(seed), imposed=future)
     codes = torch.zeros(1, 0, network.config.code, device=device)
     if len(prefixes):
         features = prefixes if isinstance(prefixes, Tensor) else _features(checkpoint, prefixes)

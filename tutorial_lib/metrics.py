@@ -398,8 +398,7 @@ def foot_skate(
     contact, ground_speed = _feet(positions, feet, fps, standing, height, speed)
     total = torch.where(contact, ground_speed, torch.zeros_like(ground_speed)).sum((-2, -1))
     skate = 100.0 * total / contact.sum((-2, -1)).clamp(min=1)
-    finite = torch.isfinite(positions[..., [int(f) for f in feet], :]).flatten(-3).all(-1)
-    return torch.where(finite, skate, torch.full_like(skate, float("nan")))  # not 0, as if no foot slid
+    return _where_feet_are(positions, feet, skate)  # not 0, as if no foot slid
 
 
 @numpy_or_torch
@@ -432,7 +431,14 @@ def foot_slide(
     long = long.reshape(each.shape).movedim(0, -1)
     begins = long & ~torch.cat((torch.zeros_like(long[..., :1, :]), long[..., :-1, :]), -2)
     steps = begins.sum((-2, -1))
-    return 100.0 * (way * long).sum((-2, -1)) / torch.where(steps > 0, steps.to(way.dtype), float("nan"))
+    slide = 100.0 * (way * long).sum((-2, -1)) / torch.where(steps > 0, steps.to(way.dtype), float("nan"))
+    return _where_feet_are(positions, feet, slide)  # not that of the steps beside the gap
+
+
+def _where_feet_are(positions: torch.Tensor, feet: Sequence[int], measure: torch.Tensor) -> torch.Tensor:
+    """``measure`` ``(...)``, NaN where the feet of a motion ``(..., T, J, 3)`` are not at finite places throughout."""
+    finite = torch.isfinite(positions[..., [int(f) for f in feet], :]).flatten(-3).all(-1)
+    return torch.where(finite, measure, torch.full_like(measure, float("nan")))
 
 
 def _long_runs(held: torch.Tensor, least: float) -> torch.Tensor:
@@ -457,7 +463,7 @@ def bone_length_drift(positions: Array, skeleton: Skeleton, reference: str = "sk
     skeleton (``reference="skeleton"``) or in the motion's first frame (``"first"``). Bones of no length are left out.
 
     positions: ``(..., T, J, 3)`` metres.
-    Raises ``TutorialError`` for another reference or reduction.
+    Raises ``TutorialError`` for another reference or reduction, or where no bone has a length.
     """
     if reference not in ("skeleton", "first") or reduce not in ("mean", "max"):
         raise TutorialError(f"bone drift by {reduce!r} against {reference!r}: expected mean or max, skeleton or first")
@@ -466,6 +472,11 @@ def bone_length_drift(positions: Array, skeleton: Skeleton, reference: str = "sk
         lengths = bone_lengths(x, skeleton)
         wanted = lengths.new_tensor(skeleton.bone_lengths) if reference == "skeleton" else lengths[0]
         real = wanted > 1e-6
+        if not real.any():
+            if wanted.isnan().any():  # a first frame that is not finite
+                return lengths.new_full((len(lengths),), float("nan"))
+            where = "skeleton" if reference == "skeleton" else "motion's first frame"
+            raise TutorialError(f"bone drift: none of {len(wanted)} bones has a length in the {where}, expected one")
         relative = (lengths[:, real] - wanted[real]).abs() / wanted[real]
         return relative.mean(-1) if reduce == "mean" else relative.amax(-1)
 

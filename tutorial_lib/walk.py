@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .chance import is_whole, whole_seed
 from .cleanup import clean_up
 from .control import PathControl, Sway, path_control, prepared_path
 from .errors import CheckpointError, MotionError
@@ -98,7 +99,7 @@ def plan_walk(
     rest: bool = False,
 ) -> PlannedWalk:
     """The control of :func:`walk`, whose arguments these are, as the network sees it."""
-    if not (isinstance(count, int | np.integer) and count >= 1):
+    if not (is_whole(count) and count >= 1):
         raise MotionError(f"{count!r} people: expected a whole number of 1 or more")
     gait = gait_to_walk(checkpoint, sway)
     fps = representation_of(checkpoint).fps
@@ -107,7 +108,7 @@ def plan_walk(
     if gait is None:
         alike = np.repeat(way.control[None], count, 0)
         return PlannedWalk(way, alike, np.repeat([way.start], count, 0), np.repeat(way.heading, count))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(whole_seed(seed))
     phase = rng.uniform(0, 2 * np.pi, count)
     tempo = 1 + gait.spread * np.clip(rng.standard_normal(count), -2, 2)
     return PlannedWalk(way, *gait.added_to(way.control, fps, phase, tempo, start=way.start, heading=way.heading))
@@ -122,7 +123,7 @@ def gait_to_walk(checkpoint: Checkpoint, sway: Sway | bool = True) -> Sway | Non
         return None
     if checkpoint.sway is None:
         raise CheckpointError(
-            f"{checkpoint.path}: brings no sway of a gait to walk with, as a vae-lstm that was trained on walking "
-            "does; give one of control.fit_sway, or False to walk without"
+            f"{checkpoint.path}: brings no sway of a gait to walk with: expected a vae-lstm that was trained on "
+            "walking (in Python also sway=, one of control.fit_sway, or False to walk without)"
         )
     return checkpoint.sway

@@ -24,6 +24,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
+from ..chance import whole_seed
 from ..errors import TutorialError
 
 
@@ -124,9 +125,7 @@ class CRBM(nn.Module):
 
     def start(self, seed: int = 0) -> CRBMState:
         """The state of which generation starts that draws its random numbers from ``seed``, a number of 0 or more."""
-        if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
-            raise TutorialError(f"CRBM: the seed must be a whole number of 0 or more, not {seed!r}")
-        return CRBMState(None, seed, 0)
+        return CRBMState(None, whole_seed(seed), 0)
 
     def forward(self, x: Tensor, state: CRBMState | None = None) -> tuple[Tensor, CRBMState]:
         """Draw for each frame the one after it, as every network of :mod:`.recurrent` predicts it.

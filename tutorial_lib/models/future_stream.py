@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ..chance import is_real, is_whole
 from ..errors import MotionError, TutorialError
 from .dynamic_future_net import DynamicFutureNet
 from .stochastic_latent import Gaussian, State
@@ -48,7 +49,7 @@ class ImposedFuture:
         given = [x for x in (self.states, self.summaries) if x is not None]
         if len(given) != 1:
             raise TutorialError("an imposed future is either states or summaries, one of the two")
-        if not isinstance(self.start, int) or self.start < 0:
+        if not is_whole(self.start) or self.start < 0:
             raise TutorialError(f"an imposed future begins after 0 frames or more, not {self.start!r}")
         if given[0].ndim != 2 or not len(given[0]) or not torch.isfinite(given[0]).all():
             raise TutorialError(
@@ -70,14 +71,14 @@ class FutureStream:
         self, model: DynamicFutureNet, count: int, *, temperature: float = 1.0,
         generator: torch.Generator | None = None, imposed: ImposedFuture | None = None,
     ):  # fmt: skip
-        if not isinstance(count, int) or count < 1:
-            raise TutorialError(f"the number of motions must be 1 or more, not {count!r}")
-        if isinstance(temperature, bool) or not isinstance(temperature, (int, float)) or not 0 <= temperature < 1e6:
+        if not is_whole(count) or count < 1:
+            raise TutorialError(f"the number of motions must be a whole number of 1 or more, not {count!r}")
+        if not is_real(temperature) or not 0 <= temperature < 1e6:
             raise TutorialError(f"the temperature must be a number of 0 or more, not {temperature!r}")
         model.eval()
         self.model, self.temperature, self.generator = model, float(temperature), generator
         self._imposed = None if imposed is None else self._checked(imposed)
-        self._state: State = model.dynamics.start(count)
+        self._state: State = model.dynamics.start(int(count))
         self._frame = 0  # frames given out
 
     def _checked(self, imposed: ImposedFuture) -> ImposedFuture:
@@ -139,8 +140,8 @@ class FutureStream:
     @torch.no_grad()
     def take(self, n: int) -> Imagined:
         """The next ``n`` frames, 1 or more."""
-        if not isinstance(n, int) or n < 1:
-            raise TutorialError(f"the number of frames must be 1 or more, not {n!r}")
+        if not is_whole(n) or n < 1:
+            raise TutorialError(f"the number of frames must be a whole number of 1 or more, not {n!r}")
         dynamics, frames = self.model.dynamics, []
         for _ in range(n):
             h = self.past

@@ -37,7 +37,7 @@ class Motion:
         put(self, "positions", _read_only(self.positions))
         if self.rotations is not None:
             put(self, "rotations", _read_only(self.rotations))
-        what = f"motion {self.name!r}: " if self.name else "motion: "
+        what = self._called or "motion: "
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise MotionError(f"{what}{self.fps} frames per second, expected a number above zero")
         nodes = self.skeleton.n_joints
@@ -166,7 +166,7 @@ class Motion:
     def scaled_to(self, height: float) -> Motion:
         """Scaled so that the skeleton stands ``height`` metres tall (acRNN: 1.54 m)."""
         if self.height <= 0:
-            raise MotionError("scale to a height: the skeleton's rest pose has none")
+            raise MotionError(f"{self._called}scale to a height: the skeleton's rest pose has none")
         return self.scaled(height / self.height)
 
     def on_ground(self) -> Motion:
@@ -212,6 +212,11 @@ class Motion:
         local[:, 0] = self.positions[:, 0]
         return local
 
+    @property
+    def _called(self) -> str:
+        """How a message about it begins, so that the one among many files is found."""
+        return f"motion {self.name!r}: " if self.name else ""
+
     def _with(self, **changes) -> Motion:
         return dataclasses.replace(self, **changes)
 
@@ -224,6 +229,11 @@ class Motion:
         )
 
 
+def as_list(motions: Motion | Sequence[Motion]) -> Sequence[Motion]:
+    """One motion as a list of one; several as they are."""
+    return [motions] if isinstance(motions, Motion) else motions
+
+
 def some_names(motions: Sequence[Motion], most: int = 5) -> str:
     """The names of the first motions, for a message, and dots where there are more."""
     return ", ".join(repr(m.name) for m in motions[:most]) + (", ..." if len(motions) > most else "")
@@ -232,10 +242,19 @@ def some_names(motions: Sequence[Motion], most: int = 5) -> str:
 def _read_only(array: np.ndarray) -> np.ndarray:
     """``array`` as float64 that nobody can write to; copied unless it already is that."""
     array = np.asarray(array)
-    if array.dtype != np.float64 or array.flags.writeable:
+    if array.dtype != np.float64 or _can_change(array):
         array = array.astype(np.float64)
         array.setflags(write=False)
     return array
+
+
+def _can_change(array: np.ndarray) -> bool:
+    """Whether somebody may write to its memory: of a read-only view (``np.broadcast_to``) who has what it views."""
+    while isinstance(array, np.ndarray):
+        if array.flags.writeable:
+            return True
+        array = array.base
+    return array is not None  # memory that is not numpy's: who writes there is not known
 
 
 def whole_ratio(fps: float, rate: float) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import MotionError
+from .bvh import END_SUFFIX
 from .clip import Motion
 from .skeleton import Skeleton
 
@@ -47,7 +48,15 @@ def other_side(skeleton: Skeleton) -> list[int]:
             "right; expected names such as LeftFoot and RightFoot"
         )
     for j, parent in enumerate(skeleton.parents):
-        if parent >= 0 and (other[other[j]] != j or skeleton.parents[other[j]] != other[parent]):
+        if parent < 0:
+            continue
+        alone = other[j] == j and other[parent] != parent
+        if alone or other[other[j]] != j or skeleton.parents[other[j]] < 0:
+            raise MotionError(
+                f"no mirror image: {skeleton.names[j]!r}, which hangs from {skeleton.names[parent]!r}, has no partner "
+                "on the other side"
+            )
+        if skeleton.parents[other[j]] != other[parent]:
             raise MotionError(
                 f"no mirror image: {skeleton.names[j]!r} hangs from {skeleton.names[parent]!r}, but "
                 f"{skeleton.names[other[j]]!r} from {skeleton.names[skeleton.parents[other[j]]]!r}"
@@ -58,12 +67,15 @@ def other_side(skeleton: Skeleton) -> list[int]:
 def _swapped(name: str) -> list[str]:
     """What the same joint of the other side may be called."""
     found = []
+    bare = name.rstrip("_")  # the reader adds some where a joint has an end's name already
+    end = name[len(bare) - len(END_SUFFIX) :] if bare.endswith(END_SUFFIX) else ""
+    name = name.removesuffix(end)  # of an end site the side stands before that
     for left, right in _BEGINNINGS:
         for a, b in ((left, right), (right, left)):
             if name.startswith(a):
-                found.append(b + name.removeprefix(a))
+                found.append(b + name.removeprefix(a) + end)
     for left, right in _ENDS:
         for a, b in ((left, right), (right, left)):
             if name.endswith(a):
-                found.append(name.removesuffix(a) + b)
+                found.append(name.removesuffix(a) + b + end)
     return found

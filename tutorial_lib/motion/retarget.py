@@ -37,9 +37,12 @@ def to_common(motion: Motion) -> Motion:
     source's (the spine) may change length a little: the skeleton has their length at rest.
     Raises ``MotionError`` for a skeleton that is not known.
     """
-    at = common_indices(motion.skeleton)
+    try:
+        at = common_indices(motion.skeleton)
+        skeleton, turns = common_skeleton(motion.skeleton)
+    except MotionError as error:  # a skeleton does not know in which of many motions it is
+        raise MotionError(f"motion {motion.name!r}: {error}" if motion.name else str(error)) from None
     nodes = [at[joint] for joint in COMMON_JOINTS]
-    skeleton, turns = common_skeleton(motion.skeleton)
     positions = motion.positions[:, nodes]
     reference = None
     if motion.rotations is not None:

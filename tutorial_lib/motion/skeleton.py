@@ -78,8 +78,10 @@ class Skeleton:
 
     @functools.cached_property
     def bones(self) -> np.ndarray:
-        """``(J - 1, 2)`` integers: parent and child of each bone."""
-        return np.array([(p, j) for j, p in enumerate(self.parents) if p >= 0], dtype=np.int64).reshape(-1, 2)
+        """``(J - 1, 2)`` integers: parent and child of each bone; read-only."""
+        bones = np.array([(p, j) for j, p in enumerate(self.parents) if p >= 0], dtype=np.int64).reshape(-1, 2)
+        bones.setflags(write=False)
+        return bones
 
     @functools.cached_property
     def children(self) -> tuple[tuple[int, ...], ...]:
@@ -92,8 +94,10 @@ class Skeleton:
 
     @functools.cached_property
     def bone_lengths(self) -> np.ndarray:
-        """``(J - 1,)`` metres, in the order of ``bones``."""
-        return np.linalg.norm(self.offsets[1:], axis=-1)
+        """``(J - 1,)`` metres, in the order of ``bones``; read-only."""
+        lengths = np.linalg.norm(self.offsets[1:], axis=-1)
+        lengths.setflags(write=False)
+        return lengths
 
     def index(self, name: str) -> int:
         """The node called ``name``; a ``MotionError`` names the nodes there are."""

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..chance import is_real
 from ..errors import TutorialError
 from ..models.variational import standard_normal_like
 
@@ -178,7 +179,7 @@ class WanderingNoise:
     """
 
     def __init__(self, deviation: float, frames: float, generator: torch.Generator | None = None):
-        check_noise(deviation)
+        check_noise(float(deviation) if is_real(deviation) else deviation)  # numpy's numbers too
         if not 0 < frames < math.inf:
             raise TutorialError(f"noise must be remembered for some frames, not {frames!r}")
         self.deviation, self.keep, self.generator = float(deviation), math.exp(-1 / frames), generator

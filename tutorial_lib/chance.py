@@ -1,0 +1,37 @@
+"""Numbers that a user gives, of Python's kinds or numpy's, and the generator of a seed among them."""
+
+from __future__ import annotations
+
+import numbers
+import operator
+
+import torch
+
+from .errors import TutorialError
+
+
+def is_whole(value: object) -> bool:
+    """Whether it is a whole number, Python's or numpy's; True and False are none."""
+    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+
+
+def is_real(value: object) -> bool:
+    """Whether it is a real number, Python's or numpy's; True and False are none."""
+    return isinstance(value, numbers.Real) and not isinstance(value, bool)
+
+
+def whole_seed(seed: object) -> int:
+    """``seed`` as Python's own number, which torch and numpy both take; ``TutorialError`` if it is none."""
+    try:
+        number = -1 if isinstance(seed, bool) else operator.index(seed)
+    except TypeError:
+        number = -1
+    if not 0 <= number < 2**64:  # torch keeps 64 bits
+        below = " below 2**64" if number > 0 else ""
+        raise TutorialError(f"the seed must be a whole number of 0 or more{below}, not {seed!r}")
+    return number
+
+
+def seeded(seed: object) -> torch.Generator:
+    """A generator on the CPU that starts at ``seed``; ``TutorialError`` for what is no whole number of 0 or more."""
+    return torch.Generator().manual_seed(whole_seed(seed))
