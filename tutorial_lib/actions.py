@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from .chance import seeded
 from .diversity import windows_of
 from .errors import TutorialError
 from .models.layers import Standardizer, mlp
@@ -67,7 +68,7 @@ def train_classifier(
             raise TutorialError(f"no clip of {action!r} has a window of {window} frames")
         windows[action] = torch.from_numpy(np.concatenate(found))  # (N, W, D)
     dim = next(iter(windows.values())).shape[-1]
-    rng = torch.Generator().manual_seed(seed)
+    rng = seeded(seed)
     with global_seed(seed):
         model = ActionClassifier(list(windows), dim, window=window)
     model.scale.fit([w[torch.randint(len(w), (2000,), generator=rng)] for w in windows.values()])

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import torch
 
+from ..chance import whole_seed
 from ..errors import DataError, TutorialError
 from ..motion.clip import Motion, some_names, whole_ratio
 from ..motion.rotations import Array, quat_about_y, quat_mul
@@ -30,7 +31,7 @@ def split_clips(
     if len(motions) < 2:
         raise DataError(f"{len(motions)} clip to split into training and test clips: expected at least 2")
     n_test = min(max(round(len(motions) * test_fraction), 1), len(motions) - 1)
-    test = set(np.random.default_rng(seed).permutation(len(motions))[:n_test].tolist())
+    test = set(np.random.default_rng(whole_seed(seed)).permutation(len(motions))[:n_test].tolist())
     return (
         [m for k, m in enumerate(motions) if k not in test],
         [m for k, m in enumerate(motions) if k in test],
@@ -178,7 +179,7 @@ class WindowSampler:
         self.representation, self.normalizer = representation, normalizer
         self.length, self.batch, self.rotate, self.rates = int(length), int(batch), bool(rotate), tuple(rates)
         self.pad = bool(pad)
-        self.rng = np.random.default_rng(seed)
+        self.rng = np.random.default_rng(whole_seed(seed))
         motions = list(motions)
         groups = [0] * len(motions) if groups is None else list(groups)
         if len(groups) != len(motions):
@@ -346,7 +347,7 @@ def evaluation_places(clips: Sequence[Motion], length: int, *, count: int, seed:
     if total < count:
         raise DataError(f"{count} windows of {length} frames asked for: these clips have {total} different ones")
     edges = np.arange(count + 1) * total // count
-    chosen = np.random.default_rng(seed).integers(edges[:-1], edges[1:])
+    chosen = np.random.default_rng(whole_seed(seed)).integers(edges[:-1], edges[1:])
     ends = np.cumsum(starts)
     which = np.searchsorted(ends, chosen, side="right")
     return [(int(k), int(start - (ends[k] - starts[k]))) for k, start in zip(which, chosen, strict=True)]

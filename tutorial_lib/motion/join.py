@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..chance import whole_seed
 from ..errors import MotionError
 from .clip import Motion, some_names
 from .rotations import quat_slerp
@@ -123,7 +124,7 @@ def playlist(motions: Sequence[Motion], *, seconds: float, blend: float = 0.3, s
             f"{some_names(too_short)}",
             stacklevel=2,
         )
-    rng, order, total = np.random.default_rng(seed), [], 0.0
+    rng, order, total = np.random.default_rng(whole_seed(seed)), [], 0.0
     while not order or total < seconds:
         turn = rng.permutation(len(usable)).tolist()
         if order and turn[0] == order[-1] and len(turn) > 1:

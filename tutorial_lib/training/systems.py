@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from ..chance import whole_seed
 from ..errors import CheckpointError, TutorialError
 from ..models.crbm import CRBM, CRBMConfig
 from ..models.dynamic_future_net import DynamicFutureNet, DynamicFutureNetConfig
@@ -396,5 +397,5 @@ def empty_model(name: str, config: dict[str, Any]) -> nn.Module:
 def global_seed(seed: int) -> Iterator[None]:
     """Torch's global CPU generator starts at ``seed`` inside the block and is put back after it."""
     with torch.random.fork_rng(devices=[]):
-        torch.default_generator.manual_seed(seed)
+        torch.default_generator.manual_seed(whole_seed(seed))
         yield

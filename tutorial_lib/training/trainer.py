@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor, nn
 
+from ..chance import is_whole, seeded, whole_seed
 from ..errors import CheckpointError, TutorialError
 from .checkpoints import load_state, provenance, save_checkpoint
 from .parallel import workers
@@ -58,8 +59,11 @@ class TrainingConfig:
     seed: int = 0  # of whatever the loss draws; weights and batches have their own
 
     def __post_init__(self):
-        if not isinstance(self.steps, int) or self.steps < 1:
+        if not is_whole(self.steps) or self.steps < 1:
             raise TutorialError(f"steps must be a whole number of 1 or more, not {self.steps!r}")
+        # plain numbers, for the header of a checkpoint
+        object.__setattr__(self, "steps", int(self.steps))
+        object.__setattr__(self, "seed", whole_seed(self.seed))
         if not (self.learning_rate > 0 and math.isfinite(self.learning_rate)):
             raise TutorialError(f"the learning rate must be above 0 and finite, not {self.learning_rate!r}")
         if self.schedule not in SCHEDULES:
@@ -153,8 +157,8 @@ class Trainer:
             )
         fused = self.device.type in ("cpu", "cuda")  # the same numbers, three times as fast on a CPU
         self._optimizer = torch.optim.Adam(self._parameters, lr=self.config.learning_rate, fused=fused)
-        self._rng = torch.Generator().manual_seed(self.config.seed)
-        self._global_rng = {"cpu": torch.Generator().manual_seed(self.config.seed).get_state()}
+        self._rng = seeded(self.config.seed)
+        self._global_rng = {"cpu": seeded(self.config.seed).get_state()}
         self._good: list[Tensor] | None = None
         self._workers = workers()
         if isinstance(size := getattr(batches, "batch", None), int):
