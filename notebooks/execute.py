@@ -57,6 +57,8 @@ def main() -> int:
         print(f"error: {to}: cannot be written: {error.strerror}", file=sys.stderr)
         return 2
     with tempfile.TemporaryDirectory() as folder:
+        if options.to is None:  # what this machine has downloaded is not to be used, either
+            os.environ["TUTORIAL_CACHE"] = folder
         if options.share is not None:
             os.environ["TUTORIAL_DATA"] = some_clips(os.environ["TUTORIAL_DATA"], folder, options.share, options.seed)
         return max(run(path, to / path.name) for path in paths)

@@ -19,7 +19,7 @@ import pytest
 from tutorial_lib import data
 from tutorial_lib.data import download
 from tutorial_lib.data.catalog import DataSet, NotAtHand
-from tutorial_lib.data.download import DownloadError, RemoteFile, download_files
+from tutorial_lib.data.download import DownloadError, RemoteFile, default_cache, download_files
 from tutorial_lib.errors import DataError
 
 BODY = bytes(range(256)) * 2000  # 512 kB
@@ -391,3 +391,10 @@ def test_fetch_prints_the_licence_once(server, tmp_path, capsys):
     assert capsys.readouterr().out == "a/set: 1 files downloaded. Licence: CC BY-NC 4.0.\n"
     data.fetch(small, cache=tmp_path)
     assert capsys.readouterr().out == ""
+
+
+def test_the_cache_can_be_put_elsewhere(monkeypatch, tmp_path):
+    monkeypatch.setenv("TUTORIAL_CACHE", str(tmp_path / "here"))
+    assert default_cache() == tmp_path / "here" and not default_cache().exists()
+    monkeypatch.setenv("TUTORIAL_CACHE", "")
+    assert default_cache() != tmp_path / "here" and default_cache().name == "tutorial_lib"

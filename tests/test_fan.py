@@ -68,6 +68,12 @@ def test_what_the_page_asks_for_is_made(clips):
     assert len(futures.asked) == 2, "nothing else was asked for"
 
 
+def test_a_clip_as_long_as_the_past_has_one_beginning(clips):
+    fan = Fan({"short": clips["jog"][:20]}, Imagination(), picture=False)
+    with pytest.raises(TutorialError, match="first 7, expected a whole number, 0 to 0"):
+        fan.choose(first=7)
+
+
 def test_python_can_choose_too(clips):
     fan = Fan(clips, Imagination(), first=30, picture=False)
     assert fan.choose(count=2, seed=5) is fan and len(fan.motions) == 2 and fan.widget.choice["seed"] == 5

@@ -228,14 +228,25 @@ def test_labels_cannot_break_out_of_the_script(tmp_path, dancer):
         ({"seed_frames": [1, 2]}, "2 seed_frames for 1 motions"),
         ({"colors": ["red"]}, "'red'"),
         ({"layout": "circle"}, "'side by side', 'overlay', 'as is'"),
+        ({"colors": [None]}, "None"),
+        ({"seed_frames": -3}, "seed_frames -3, expected a whole number of 0 or more"),
         ({"speed": 0}, "speed 0"),
+        ({"speed": "2"}, "speed '2', expected a number above zero"),
+        ({"width": "100%"}, "width '100%'"),
+        ({"height": 0}, "height 0"),
         ({"ghosts": ["soon"]}, "ghosts"),
+        ({"ghosts": [float("nan")]}, "ghosts [nan]"),
     ],
 )
 def test_choices_that_do_not_fit_are_told_in_one_line(dancer, choices, says):
     with pytest.raises(TutorialError, match=re.escape(says)) as caught:
         show(dancer, **choices)
     assert "\n" not in str(caught.value)
+
+
+def test_dollars_in_a_name_are_no_mathematics(dancer):
+    """Nor an error: matplotlib reads what stands between two of them as TeX."""
+    assert show(dancer, labels=["cost$5_$x\\y"]).png.startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("wrong", [[], 3, None, ["walk.bvh"], np.zeros((3, 2, 3))])

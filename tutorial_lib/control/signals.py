@@ -21,7 +21,7 @@ LONGEST_TIME = 3600.0  # s of one control
 
 @dataclass(frozen=True)
 class Limits:
-    """What people can do: no control made here exceeds it.
+    """What people can do: no control made here exceeds it (turning by a few per cent at most, where speed changes).
 
     speed: m/s. The fastest running of the CMU and Bandai-Namco clips is 4.0 and 4.4.
     turning: rad/s; sideways: m/s2 towards the inside of a turn, speed times turning; acceleration: m/s2 along the path.

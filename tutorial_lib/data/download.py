@@ -19,6 +19,7 @@ from ..atomic import atomic_write
 from ..errors import DataError
 
 OFFLINE = "TUTORIAL_OFFLINE"
+CACHE = "TUTORIAL_CACHE"
 
 # Seconds to connect and to wait for more bytes. A host has several addresses and each is tried, so the
 # first is short: behind a wall that swallows packets the wait is a few times as long.
@@ -47,8 +48,11 @@ class DownloadError(DataError):
 
 
 def default_cache() -> pathlib.Path:
-    """The user's cache folder for this package, as pooch chooses it (not made by asking)."""
-    return pathlib.Path(pooch.os_cache("tutorial_lib"))
+    """The folder that TUTORIAL_CACHE names, else the user's cache folder for this package, as pooch chooses it.
+
+    It is not made by asking.
+    """
+    return pathlib.Path(os.environ.get(CACHE) or pooch.os_cache("tutorial_lib")).expanduser()
 
 
 def download_files(files: Sequence[RemoteFile], cache: str | os.PathLike) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..chance import is_whole
 from ..errors import MotionError, TutorialError
 from ..motion.clip import Motion
 from .body import describe, facing
@@ -233,7 +234,7 @@ class Fan(WidgetCell):
 
 
 def _whole(name: str, value: Any, least: int, most: int | None = None) -> int:
-    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least or value > (most or value):
+    if not is_whole(value) or value < least or (most is not None and value > most):
         upto = "or more" if most is None else f"to {most}"
         raise TutorialError(f"fan: {name} {value!r}, expected a whole number, {least} {upto}")
     return int(value)

@@ -80,7 +80,7 @@ def fan_strip(
         figure.text((k + 0.5) * strip_width / frames / width, (above - 0.05) / total, says, ha="center", va="top",
                     fontsize=8, color=_TEXT, linespacing=1.25)  # fmt: skip
     if title:
-        figure.text(0.006, 1 - 0.04 / total, title, fontsize=10, va="top", color=_TEXT)
+        figure.text(0.006, 1 - 0.04 / total, title, fontsize=10, va="top", color=_TEXT, parse_math=False)
     _ways(figure.add_axes(((strip_width + 0.15) / width, above / total, (map_width - 0.1) / width, tall_strip / total)),
           rows, bodies, colors, seed_frames)  # fmt: skip
     return figure

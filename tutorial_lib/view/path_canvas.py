@@ -177,7 +177,8 @@ class PathCanvas(WidgetCell):
 
         paths = {name: make() for name, make in PREPARED.items()}
         figure = NotebookFigure(figsize=(7.2, 2.5), dpi=100, facecolor="white")
-        figure.text(0.008, 0.96, self.title, fontsize=9.5, weight="bold", va="top", color="#24292f")
+        figure.text(0.008, 0.96, self.title, fontsize=9.5, weight="bold", va="top", color="#24292f",
+                    parse_math=False)  # fmt: skip
         figure.text(0.992, 0.955, "seen from above, a line every metre", fontsize=8,
                     va="top", ha="right", color=palette.GREY)  # fmt: skip
         figure.text(0.008, 0.03, _STATIC, fontsize=8, color=palette.GREY)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..chance import is_real
 from ..errors import TutorialError
 from ..motion.clip import Motion
 from . import palette
@@ -120,10 +121,13 @@ class Player(PageOutput):
         self.colors = one_each(colors, count, "colors")
         if layout not in LAYOUTS:
             raise TutorialError(f"show: layout {layout!r}, expected one of {', '.join(map(repr, LAYOUTS))}")
-        if not (math.isfinite(speed) and speed > 0):
-            raise TutorialError(f"show: speed {speed}, expected a number above zero")
+        for what, value in (("speed", speed), ("width", width), ("height", height)):
+            if not (is_real(value) and math.isfinite(value) and value > 0):
+                raise TutorialError(f"show: {what} {value!r}, expected a number above zero")
         try:
             times = GHOST_TIMES if isinstance(ghosts, bool) else tuple(float(t) for t in ghosts)
+            if not all(map(math.isfinite, times)):
+                raise ValueError
         except (TypeError, ValueError):
             raise TutorialError(f"show: ghosts {ghosts!r}, expected True, False or seconds") from None
         self.picture = strip
@@ -209,7 +213,7 @@ class Player(PageOutput):
 
 def _tones(color: str) -> list[tuple[str, str, str]]:
     """A colour's tones for middle, left and right on a light page, and on a dark one."""
-    if not re.fullmatch("#[0-9a-fA-F]{6}", color):
+    if not isinstance(color, str) or not re.fullmatch("#[0-9a-fA-F]{6}", color):
         raise TutorialError(f"colour {color!r}, expected six hexadecimal digits as in '#0072B2'")
     return [palette.sides(color), palette.sides(palette.mix(color, "#ffffff", 0.2))]
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..chance import is_whole
 from ..errors import TutorialError
 from ..motion.clip import Motion
 from . import palette
@@ -95,6 +96,7 @@ def pose_strip(
                 color=color,
                 fontsize=10,
                 weight="bold",
+                parse_math=False,  # a file's name may have dollars
             )
         if not shared or i == len(rows) - 1:
             _number(figure, shared or chosen[i], rows[0 if shared else i].fps, columns, (base - 0.03) / total)
@@ -141,8 +143,11 @@ def as_motions(motions: Motion | Sequence[Motion]) -> tuple[Motion, ...]:
 
 def as_seed_frames(seed_frames: int | Sequence[int], count: int) -> list[int]:
     """Seed frames of each of ``count`` motions."""
-    each = [seed_frames] * count if isinstance(seed_frames, (int, np.integer)) else seed_frames
-    return [int(n) for n in one_each(each, count, "seed_frames")]
+    each = one_each([seed_frames] * count if is_whole(seed_frames) else seed_frames, count, "seed_frames")
+    for frames in each:
+        if not is_whole(frames) or frames < 0:
+            raise TutorialError(f"seed_frames {frames!r}, expected a whole number of 0 or more")
+    return [int(frames) for frames in each]
 
 
 def one_each(values: Sequence, count: int, what: str) -> list:
