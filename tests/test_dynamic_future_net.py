@@ -109,7 +109,7 @@ def test_bones_keep_their_length_whatever_the_code(network):
     skeleton = network.representation.skeleton
     pose = network.pose.decode(50 * normals(200, 6))
     joints = network.pose.features(pose)[:, : 3 * skeleton.n_joints].unflatten(-1, (-1, 3))
-    parent, child = skeleton.bones.T
+    parent, child = skeleton.bones.T.tolist()
     lengths = (joints[:, child] - joints[:, parent]).norm(dim=-1)
     assert (lengths - torch.tensor(skeleton.bone_lengths)).abs().max() < 1e-5
     assert lengths.std() > 0.01, "or every bone is as long as the next, and nothing is tested"
