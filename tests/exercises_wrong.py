@@ -1,4 +1,7 @@
-"""Known wrong answers to the problem sets, each a change of the solution, and the tests that must notice."""
+"""Known wrong answers to the problem sets, each a change of the solution, and the tests that must notice.
+
+At the end right answers that are not the solution's, and must lose nothing.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +28,13 @@ PS1 = [
         "order",
         "return min(errors, key=errors.get)",
         "return 'LeftArm', 'YXZ'",
+        ("test-order",),
+    ),
+    Wrong(
+        "the root is above suspicion",
+        "order",
+        "if skeleton.children[j]:",
+        "if j and skeleton.children[j]:",
         ("test-order",),
     ),
     Wrong("turned the other way", "turn", "x, y, z =", "angle = -angle; x, y, z =", ("test-turn",)),
@@ -69,6 +79,7 @@ PS2 = [
     ),
     Wrong("the last seed frame as the first new one", "generate", "y[:, -1:]", "seed[:, -1:]", ("test-generate",)),
     Wrong("the first frames of the seed", "idea", "-seed_frames:]", ":seed_frames]", ("test-idea",)),
+    Wrong("four seeds, however many are asked for", "idea", "[:count,", "[:4,", ("test-idea",)),
     Wrong("a conclusion without a look", "idea", "bool(gain >= 0.5)", "True", ("test-verdict",)),
 ]
 
@@ -81,6 +92,14 @@ PS3 = [
         "masks",
         "torch.rand(batch, T, generator=rng) < probability",
         "(torch.rand(batch, 1, generator=rng) < probability).repeat(1, T)",
+        ("test-masks",),
+    ),
+    Wrong("coins that do not come from the generator", "masks", ", generator=rng", "", ("test-masks",)),
+    Wrong(
+        "the same coins whatever the generator",
+        "masks",
+        "generator=rng",
+        "generator=torch.Generator().manual_seed(0)",
         ("test-masks",),
     ),
     Wrong("teacher forcing in disguise", "loop", "if mask[t] else y", "", ("test-loop", "test-gradient")),
@@ -132,6 +151,7 @@ PS4 = [
         ("test-cell",),
     ),
     Wrong("the ordinary cell's activation", "cell", "return elu(", "return torch.tanh(", ("test-cell",)),
+    Wrong("a row times W instead of W times it", "cell", 'h @ w["W_h"].T', 'h @ w["W_h"]', ("test-cell",)),
     Wrong(
         "returns to the first code at every step", "cell", "step(state, h[:, t])", "step(z_1, h[:, t])", ("test-modes",)
     ),
@@ -217,6 +237,7 @@ PS6 = [
     Wrong("the same number a frame", "rate", "0.16", "0.04", ("test-rate",)),
     Wrong("longer and shorter cancel", "bones", "np.abs(found - lengths)", "(found - lengths)", ("test-bones",)),
     Wrong("in metres", "bones", "np.abs(found - lengths) / lengths", "np.abs(found - lengths)", ("test-bones",)),
+    Wrong("the worst bone instead of the mean", "bones", ".mean(axis=-1)", ".max(axis=-1)", ("test-bones",)),
     Wrong("the height counts as slide", "feet", "[0, 2]]", "[0, 1, 2]]", ("test-feet",)),
     Wrong("low in one of the two frames", "feet", "low[1:] & low[:-1]", "low[:-1]", ("test-feet",)),
     Wrong("small is good everywhere", "beaten", "signs * np", "np", ("test-beaten",)),
@@ -229,6 +250,7 @@ PS6 = [
         ("test-beaten",),
     ),
     Wrong("the error falls with N", "beginnings", " ** 2))", "))", ("test-beginnings",)),
+    Wrong("rounded to the nearest", "beginnings", "math.ceil", "round", ("test-beginnings",)),
     Wrong("rounded down", "beginnings", "math.ceil", "int", ("test-beginnings",)),
     Wrong(
         "sorted once",
@@ -241,6 +263,38 @@ PS6 = [
 ]
 
 WRONG: dict[str, list[Wrong]] = {"ps1": PS1, "ps2": PS2, "ps3": PS3, "ps4": PS4, "ps5": PS5, "ps6": PS6}
+
+# Right answers of another make: they lose nothing. One a cell, as they are handed in together.
+RIGHT: dict[str, list[Wrong]] = {
+    "ps2": [Wrong("numpy's truth", "idea", "bool(gain >= 0.5)", "gain >= 0.5", ())],
+    "ps3": [
+        Wrong(
+            "a fourth network beside the three, and larger",
+            "plan",
+            "range(3))\n]",
+            "range(3))\n] + [example_run | dict(noise_cm=3, hidden=128, seed=k, measured_on='test') for k in range(3)]",
+            (),
+        )
+    ],
+    "ps5": [
+        Wrong(
+            "as good as no spread at temperature 0",
+            "temperature",
+            "(2 * math.log(temperature) if temperature > 0 else -math.inf)",
+            "2 * math.log(max(temperature, 1e-8))",
+            (),
+        )
+    ],
+    "ps6": [
+        Wrong(
+            "a tuple of names",
+            "beaten",
+            "[name for name in table if not any(beats(other, name) for other in table)]",
+            "tuple(name for name in table if not any(beats(other, name) for other in table))",
+            (),
+        )
+    ],
+}
 
 # One submission that does what must not stop the grading of the rest: answer cells, and the tests they cost.
 BAD: dict[str, tuple[str, str]] = {

@@ -14,7 +14,7 @@ pytest.importorskip(
 )
 
 from exercises import COURSE, HIDDEN, SETS, SOLUTION, grade, graded, pack, regions, source  # noqa: E402
-from exercises_wrong import BAD, COPIED, COSTS, WRONG  # noqa: E402
+from exercises_wrong import BAD, COPIED, COSTS, RIGHT, WRONG  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +39,8 @@ def results(tmp_path_factory, request):
                 handed_in = {"blank": ("release", {}), "solved": ("source", {})}
                 for k, submission in enumerate(pack(name, WRONG[name])):
                     handed_in[f"wrong-{k}"] = ("source", submission.answers)
+                for submission in pack(name, RIGHT.get(name, [])):
+                    handed_in["right"] = ("source", submission.answers)
                 jobs[name] = pool.submit(grade, name, folder / name, handed_in, ["blank"])
         yield {name: job.result for name, job in jobs.items()}
         pool.shutdown(cancel_futures=True)
@@ -126,6 +128,12 @@ def test_wrong_answers_lose_their_points_and_no_others(result, name):
     for k, submission in enumerate(pack(name, WRONG[name])):
         wanted = {test: 0 if test in submission.loses else value for test, value in points(name).items()}
         assert result["scores"][f"wrong-{k}"] == wanted, submission.answers
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_right_answers_of_another_make_lose_nothing(result, name):
+    (submission,) = pack(name, RIGHT[name])
+    assert result["scores"]["right"] == points(name), submission.answers
 
 
 @pytest.mark.parametrize("name", SETS)
