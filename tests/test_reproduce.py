@@ -351,6 +351,18 @@ def test_a_run_that_was_stopped_ends_in_the_same_weights(tmp_path):
         other.steps_left(tmp_path / "one")
 
 
+def test_a_finished_run_is_not_measured_on_other_clips(tmp_path):
+    """One clip more in the folder and the split is another: what is kept out now it may have been trained on."""
+    run = grid.Run("a/b", TINY)
+    with torch_threads(1):
+        grid.train(run, tmp_path, lambda name, step: None)
+        grid.train(run, tmp_path, lambda name, step: None)  # the same clips
+        ((train, test),) = grid.clips_for(TINY)
+        for others in ([([*train, test[0]], test[1:])], [([*train[1:], test[0]], test)]):
+            with pytest.raises(CheckpointError, match=r"a/b.safetensors: was started on \d+ clips of samples/boxing, now"):
+                grid.train(run, tmp_path, lambda name, step: None, others)
+
+
 SIDE_BY_SIDE = """
 import dataclasses, sys
 from tutorial_lib.recipes import Recipe

@@ -155,6 +155,14 @@ def test_called_again_it_trains_nothing_and_finds_the_same(made, capsys):
     (folder / "dancing.json").write_text(json.dumps({**kept, "weights": "of another run"}))
     anew = dfn.reproduce("samples", runs=folder, jobs=1, quick=True, networks=("dancing",), train_missing=False,
                          tell=told.append)  # fmt: skip
+    ((train, test),) = kept["clips"]
+    assert train == read_header(folder / "dancing.safetensors")["provenance"]["clips"] and not set(test) & set(train)
+    older = {key: value for key, value in kept.items() if key != "clips"}
+    for stale in ({**kept, "clips": [[train, ["another"]]]}, older):
+        (folder / "dancing.json").write_text(json.dumps({**stale, "entry": {"of": "other clips"}}))
+        other = dfn.reproduce("samples", runs=folder, jobs=1, quick=True, networks=("dancing",), train_missing=False,
+                              tell=told.append)  # fmt: skip
+        assert other["runs"]["dancing"]["loss"] == result["runs"]["dancing"]["loss"], "measured anew"
     one, two = (copy.deepcopy(r["runs"]["dancing"]) for r in (result, anew))
     for run in (one, two):
         for entry in run["fan"]["prefixes"].values():
