@@ -131,6 +131,9 @@ def test_several_training_seeds_are_a_mean_and_a_range(made):
         acrnn.error(two, "martial", "erd"), np.array(result["runs"]["martial/erd"]["error"]) + 0.25
     )
     tables = acrnn.tables(two)
+    assert tables["standard errors"].caption == "Standard error of one training seed's means, over 4 seeds"
+    once = acrnn.tables(result)["standard errors"].caption
+    assert once == "Standard error of table 1's means, over 4 seeds"
     assert "mean of 2 training seeds" in tables["table 1"].caption
     rows = {row: cells for row, _, cells in tables["training seeds"].groups["Martial Arts (here samples/boxing)"]}
     low, high = (float(rows[f"ERD, {which}"][0][0]) for which in ("lowest", "highest"))
@@ -139,6 +142,25 @@ def test_several_training_seeds_are_a_mean_and_a_range(made):
     once, wider = acrnn.difference(result, "martial", "aclstm", "lstm")
     np.testing.assert_allclose(mean, once)  # twice the same seeds: the same mean, a smaller standard error
     np.testing.assert_allclose(spread, wider * np.sqrt(3 / 7), atol=1e-9)  # s / sqrt(n) of 8 values instead of 4
+
+
+def test_a_folder_that_is_half_finished_is_told_as_far_as_it_is(made):
+    """As ``--no-train`` leaves it: styles without a run, a first seed without one length, a second of one system."""
+    half = json.loads(json.dumps(made[2]))
+    half["budget"]["training_seeds"] = [0, 1]
+    half["runs"] = {name: run for name, run in half["runs"].items() if run["style"] == "indian"}
+    half["splits"] = {name: split for name, split in half["splits"].items() if name.startswith("indian")}
+    half["long"] = {}
+    tables = acrnn.tables(half)
+    assert list(tables["table 1"].groups) == ["Indian Dance (here samples/dancing)"]
+    assert "training seeds" not in tables["table 1"].caption and "training seeds" not in tables
+    half["runs"]["indian/aclstm-u2-v2-seed1"] = {**half["runs"].pop("indian/aclstm-u2-v2"), "seed": 1}
+    half["runs"]["indian/erd-seed1"] = {**half["runs"]["indian/erd"], "seed": 1}
+    found = {f.claim: f for f in acrnn.findings(half)}
+    assert found["Figure 9: a longer condition length moves less in the long run"].evidence == "not measured"
+    assert "Table 2: a longer condition length errs less, at all times" in found
+    assert found["Walking: at 80 ms seq2seq errs least"].ours is None
+    assert "mean of 1 to 2 training seeds" in acrnn.tables(half)["table 1"].caption
 
 
 def test_findings_say_what_the_numbers_say(made):

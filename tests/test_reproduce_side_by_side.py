@@ -272,7 +272,9 @@ def test_several_training_seeds_are_a_mean(made):
     two["runs"]["erd-seed1"]["flaws"]["bones"] = 50.0
     mine = result["runs"]["erd"]["flaws"]["bones"]
     assert side_by_side.value(two, "erd", "flaws", "bones") == pytest.approx((mine + 50) / 2)
-    assert "mean of 2 training seeds" in side_by_side.tables(two)["side by side"].caption
+    assert "mean of 1 to 2 training seeds" in side_by_side.tables(two)["side by side"].caption
+    only = {**two, "runs": result["runs"]}
+    assert "training seeds" not in side_by_side.tables(only)["side by side"].caption, "asked for, and not there"
     assert side_by_side.value(two, "nobody", "ms") is None
 
 

@@ -199,7 +199,9 @@ def test_several_training_seeds_are_a_mean(made):
     two["runs"]["erd-seed1"]["ways"][GIVEN]["pose"]["error"] = [1.0] * 5
     mine = np.array(result["runs"]["erd"]["ways"][GIVEN]["pose"]["error"])
     np.testing.assert_allclose(vae_lstm.error(two, "erd", GIVEN), (mine + 1) / 2)
-    assert "mean of 2 training seeds" in vae_lstm.tables(two)["table 1"].caption
+    assert "mean of 1 to 2 training seeds" in vae_lstm.tables(two)["table 1"].caption
+    only = {**two, "runs": result["runs"]}
+    assert "training seeds" not in vae_lstm.tables(only)["table 1"].caption, "asked for, and not there"
     assert vae_lstm.error(two, "seq2seq", GIVEN) is None
 
 

@@ -86,6 +86,15 @@ def numbers(values: Any) -> np.ndarray:
     return np.array(values, dtype=float)
 
 
+def seeds_note(counts: Iterable[int]) -> str:
+    """How many training seeds a table is the mean of, to follow its caption; counts: runs of each row, as far as there
+    are any. Nothing where no row has two."""
+    counts = sorted(filter(None, counts))
+    if not counts or counts[-1] < 2:
+        return ""
+    return f", mean of {f'{counts[0]} to ' if counts[0] < counts[-1] else ''}{counts[-1]} training seeds"
+
+
 # --- findings -------------------------------------------------------------------------------------
 
 

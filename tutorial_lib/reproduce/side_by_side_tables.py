@@ -12,7 +12,7 @@ import numpy as np
 from ..view.tables import ErrorTable, error_table
 from . import results
 from .failures import RULES
-from .results import RESULTS, Result, numbers
+from .results import RESULTS, Result, numbers, seeds_note
 from .side_by_side_measure import FUTURE_TIMES
 from .side_by_side_plan import SYSTEMS
 
@@ -112,9 +112,8 @@ def tables(result: Result) -> dict[str, ErrorTable]:
 
 def _note(result: Result) -> str:
     budget = result["budget"]
-    seeds = len(budget["training_seeds"])
     note = f"; {budget['hidden']} cells a layer"
-    note += f", mean of {seeds} training seeds" if seeds > 1 else ""
+    note += seeds_note(len(runs_of(result, label)) for label in SYSTEMS)
     note += "; SAMPLE MOTIONS, not captured" if result["data"] == "samples" else ""
     return note + ("; QUICK TRIAL, nothing is learnt" if result["quick"] else "")
 
