@@ -22,7 +22,7 @@ from tutorial_lib.errors import CheckpointError, DataError, TutorialError
 from tutorial_lib.generate import prepare
 from tutorial_lib.recipes import Recipe, sets_of
 from tutorial_lib.representations import make_representation
-from tutorial_lib.reproduce import acrnn, grid
+from tutorial_lib.reproduce import acrnn, acrnn_examples, grid
 from tutorial_lib.reproduce.acrnn_plan import QUICK, STYLES, SYSTEMS, Budget, Plan, label
 from tutorial_lib.reproduce.failures import RULES, Truth, failures
 from tutorial_lib.reproduce.published import ACRNN_TABLE_1, ACRNN_TABLE_2
@@ -57,6 +57,23 @@ def test_what_is_trained():
     for field in ("steps", "hidden", "batch", "length", "schedule", "clip", "rotate", "rates"):
         assert len({getattr(run.recipe, field) for run in several}) == 1, f"the same {field} for every system"
     assert label(5, 5) == "aclstm"
+
+
+def test_the_first_seed_is_the_lowest_however_they_are_given(tmp_path, monkeypatch):
+    """The grid, long samples and motions are of the seed that the explorer and figures take, whatever its number."""
+    plan = Plan(grid=True, seeds=(3, 1))
+    assert plan.seeds == (1, 3)
+    assert {run.recipe.seed for run in plan.runs() if "u10-v1-" in run.name} == {1}
+    assert [plan.first(run) for run in plan.runs() if run.name.startswith("martial/lstm")] == ["martial/lstm", None]
+    result = acrnn.reproduce("samples", runs=tmp_path, jobs=1, quick=True, long=True, seeds=(1,), styles=("indian",),
+                             tell=lambda line: None)  # fmt: skip
+    assert set(result["long"]) == {"indian/aclstm-seed1", "indian/lstm-seed1"}
+    asked = []
+    monkeypatch.setattr(acrnn_examples, "divergence_time", lambda *_, **__: asked.append(1) or np.inf)
+    for run in result["runs"].values():
+        run["failures"]["latest"] = {"sample": 0, "seconds": 1.0, "rule": "stuck"}
+    found, _ = acrnn_examples.examples(result, Plan(samples=True, styles=("indian",), seeds=(1,), **QUICK), tmp_path)
+    assert len(asked) == len(SYSTEMS) == sum(name.startswith("failure") for name in found)
 
 
 def test_plans_that_cannot_be():
@@ -381,7 +398,7 @@ def test_a_finished_run_is_not_measured_on_other_clips(tmp_path):
         grid.train(run, tmp_path, lambda name, step: None)  # the same clips
         ((train, test),) = grid.clips_for(TINY)
         for others in ([([*train, test[0]], test[1:])], [([*train[1:], test[0]], test)]):
-            with pytest.raises(CheckpointError, match=r"a/b.safetensors: was started on \d+ clips of samples/boxing, now"):
+            with pytest.raises(CheckpointError, match=r"a/b.safetensors: was started on \d+ clips"):
                 grid.train(run, tmp_path, lambda name, step: None, others)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -215,6 +216,24 @@ def test_the_networks_beside_a_result_are_those_that_were_measured(made, walks):
     assert networks[VAE].sway is not None, "so that it walks paths"
     with pytest.raises(DataError, match="no networks here, expected lstm.safetensors"):
         side_by_side.load_networks(folder / "nowhere")
+
+
+def test_the_networks_are_of_the_first_seed_whatever_its_number(tmp_path, monkeypatch):
+    written = []
+    monkeypatch.setattr(side_by_side_networks, "load_checkpoint", lambda path: path)
+    monkeypatch.setattr(
+        side_by_side_networks,
+        "rounded",
+        lambda path: SimpleNamespace(
+            system=path.stem, model=None, representation=None, normalizer=None, training={}, provenance={}, sway=None
+        ),
+    )
+    monkeypatch.setattr(side_by_side_networks, "save_checkpoint", lambda path, system, **_: written.append(
+        (path.name, system)))  # fmt: skip
+    plan = Plan(seeds=(4, 2))
+    result = {"runs": {run.name: {} for run in plan.runs()}}
+    assert side_by_side_networks.write_networks(result, plan, tmp_path, tmp_path) == len(SYSTEMS)
+    assert written == [(f"{name}.safetensors", f"{name}-seed2") for name in SYSTEMS]
 
 
 def test_the_table_has_the_numbers_of_the_result(made):

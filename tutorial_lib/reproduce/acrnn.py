@@ -147,7 +147,7 @@ def reproduce(
 def _measured(plan: Plan, folder: pathlib.Path, costs: Costs, *, jobs: int, long: bool, train_missing: bool,
               tell: Callable[[str], None]) -> dict[str, Any]:  # fmt: skip
     runs = plan.runs() if train_missing else finished(plan.runs(), folder)
-    long_runs = tuple(name for name in LONG_RUNS if long and any(run.name == name for run in runs))
+    long_runs = tuple(run.name for run in runs if long and plan.first(run) in LONG_RUNS)
     left = {run.name: run.steps_left(folder) for run in runs}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of clips that are too short: the training itself will tell

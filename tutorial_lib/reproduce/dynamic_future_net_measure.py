@@ -70,7 +70,8 @@ def measure_published(name: str, folder: pathlib.Path, protocol: Protocol, repor
 
 def kept(weights: pathlib.Path, path: pathlib.Path, protocol: Protocol, sets: Sets,
          measured: Callable[[], dict[str, Any]]) -> dict[str, Any]:  # fmt: skip
-    """What was measured of the same weights in the same way on the same clips, if ``path`` has it; else it is measured and kept there.
+    """What was measured of the same weights in the same way on the same clips, if ``path`` has it; else it is
+    measured and kept there.
 
     Thousands of motions take minutes of each network: a command that was stopped need not make them again.
     """
