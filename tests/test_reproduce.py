@@ -204,6 +204,23 @@ def test_findings_say_what_the_numbers_say(made):
     assert len(acrnn.tables(better)["table 1"].groups) == 3  # a missing run leaves the paper's row alone
 
 
+def test_what_is_not_finite_is_as_wrong_as_can_be(made):
+    broken = json.loads(json.dumps(made[2]))
+    runs = {label: broken["runs"][f"indian/{label}"] for label in (label(n, n) for n in (10, 5, 2, 1))}
+    for size, (moved, run) in enumerate(zip((1.0, 2.0, None, 0.5), runs.values(), strict=True)):
+        run["error"], run["errors"] = [1.0 + size] * 8, [[1.0 + size] * 4] * 8
+        run["motion_change"]["values"] = [moved] * len(run["motion_change"]["values"])
+    for run in (broken["runs"]["indian/lstm"], runs["aclstm-u1-v1"]):
+        run["error"], run["errors"] = [None] * 8, [[None] * 4] * 8
+    found = {f.claim: f.ours for f in acrnn.findings(broken)}
+    assert found["Indian Dance: from 400 ms on acLSTM errs less than LSTM-3LR"] is True
+    assert found["Table 2: a longer condition length errs less, at all times"] is True
+    assert found["Figure 9: a longer condition length moves less in the long run"] is False, "how much is not known"
+    runs["aclstm"]["error"], runs["aclstm"]["errors"] = [None] * 8, [[None] * 4] * 8
+    found = {f.claim: f.ours for f in acrnn.findings(broken)}
+    assert found["Indian Dance: from 400 ms on acLSTM errs less than LSTM-3LR"] is False, "neither errs less"
+
+
 def test_differences_are_taken_seed_by_seed():
     run = {"style": "indian", "seed": 0}
     one = {**run, "label": "aclstm", "errors": [[1.0, 5.0, 9.0]] * 8}

@@ -273,6 +273,11 @@ def test_findings_say_what_the_numbers_say(made):
     best["runs"][VAE]["error"][-1] = 3.0
     best["runs"][DFN]["error"][0] = 5.8  # it draws and never fails, and is not among the best at first
     assert all(f.ours for f in side_by_side.findings(best)), [str(f) for f in side_by_side.findings(best)]
+    exploded = json.loads(json.dumps(best))
+    exploded["runs"]["lstm"]["error"] = [5.0, *[None] * 7]  # as wrong as can be
+    assert all(f.ours for f in side_by_side.findings(exploded)), [str(f) for f in side_by_side.findings(exploded)]
+    exploded["runs"]["lstm"]["error"][0] = None
+    assert "LSTM-3LR nan" not in side_by_side.findings(exploded)[-1].evidence, "not among the least"
     best["runs"]["aclstm"]["error"][4] = 9.5
     best["runs"][DFN]["error"][0] = 1.0
     wrong = [f.claim for f in side_by_side.findings(best) if not f.ours]

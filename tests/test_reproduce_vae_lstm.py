@@ -176,6 +176,15 @@ def test_findings_say_what_the_numbers_say(made):
     assert found["Motion error (mean squared) at frame 210 at least 3 times below the best baseline without"]
     assert found["Prior samples (mean squared) within 1.5 times of posterior ones, in both tables at all times"]
     assert not found["Table 1: at frame 70 the baselines, shown 60 frames, err less than the VAE-LSTM"]
+    exploded = json.loads(json.dumps(better))
+    for way in exploded["runs"]["lstm"]["ways"].values():  # as wrong as can be, so its error grew most
+        way["motion"]["squared"][-1] = None
+    assert {f.claim: f.ours for f in vae_lstm.findings(exploded)} == found
+    for way in exploded["runs"][VAE]["ways"].values():
+        way["motion"]["squared"] = [None] * 5
+    worst = {f.claim: f.ours for f in vae_lstm.findings(exploded)}
+    assert worst["Table 1: at frame 70 the baselines, shown 60 frames, err less than the VAE-LSTM"]
+    assert not any(ours for claim, ours in worst.items() if claim.startswith("Table 1: from frame"))
     for way in better["runs"]["crbm-cd1"]["ways"].values():  # one baseline a little better, at one time
         way["pose"]["squared"][2] = 1.5e-4
     found = {f.claim: f.ours for f in vae_lstm.findings(better)}

@@ -15,7 +15,7 @@ from . import results
 from .acrnn_plan import DANCE, STYLES, SYSTEMS, label
 from .failures import RULES
 from .published import ACRNN_TABLE_1, ACRNN_TABLE_2
-from .results import RESULTS, Finding, Result, numbers, seeds_note
+from .results import RESULTS, Finding, Result, large, numbers, seeds_note
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -254,7 +254,10 @@ def findings(result: Result) -> list[Finding]:
             sign, word = (1, "more") if (papers > 0).all() else (-1, "less")
             claim = f"{title}: from 400 ms on acLSTM errs {word} than {SYSTEMS[other].title}"
             gap = difference(result, style, "aclstm", other)
-            holds = None if gap is None else bool((sign * gap[0][late] > 0).all())
+            holds = None
+            if gap is not None:
+                apart = np.where(np.isfinite(gap[0]), gap[0], _more(mine["aclstm"], mine[other]))
+                holds = bool((sign * apart[late] > 0).all())
             found.append(Finding(claim, holds, _gap(gap, late, sign)))
         claim = f"{title}: at 80 ms seq2seq errs least"
         found.append(_least(claim, {k: e[0] for k, e in mine.items()}, "seq2seq", min))
@@ -262,12 +265,17 @@ def findings(result: Result) -> list[Finding]:
             claim = f"{title}: at 640 ms seq2seq errs most"
             found.append(_least(claim, {k: e[-1] for k, e in mine.items()}, "seq2seq", max))
         if style == DANCE and len(mine) == len(SYSTEMS):
-            times = sum(min(mine, key=lambda k: np.nan_to_num(mine[k][t], nan=np.inf)) == "aclstm" for t in range(8))
+            times = sum(min(mine, key=lambda k: large(mine[k][t])) == "aclstm" for t in range(8))
             found.append(Finding(f"{title}: acLSTM errs least at most times", times > 4, f"at {times} of 8"))
     found += _condition_lengths(result)
     for style in result["styles"]:
         found += _failing(result, style)
     return found
+
+
+def _more(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """1 where the one errs more, -1 where the other does, else 0."""
+    return 1.0 * (large(one) > large(other)) - 1.0 * (large(one) < large(other))
 
 
 def _gap(gap: tuple[np.ndarray, np.ndarray] | None, at: Sequence[int], sign: int) -> str:
@@ -279,8 +287,7 @@ def _gap(gap: tuple[np.ndarray, np.ndarray] | None, at: Sequence[int], sign: int
 def _least(claim: str, errors: Mapping[str, float], wanted: str, choose) -> Finding:
     if len(errors) < len(SYSTEMS):
         return Finding(claim, None, "not measured")
-    large = {k: np.nan_to_num(e, nan=np.inf) for k, e in errors.items()}  # not finite: as wrong as can be
-    first = choose(large, key=large.get)
+    first = choose(errors, key=lambda k: large(errors[k]))
     return Finding(claim, first == wanted, ", ".join(f"{SYSTEMS[k].title} {e:.2f}" for k, e in errors.items()))
 
 
@@ -298,6 +305,7 @@ def _condition_lengths(result: Result) -> list[Finding]:
         return [Finding(claim, None, "not measured") for claim in claims]
     means = ", ".join(f"{TABLE_2_ROWS[k]} {e.mean():.2f}" for k, e in zip(TABLE_2_ROWS, errors, strict=True))
     first = min((run["seed"] for run in result["runs"].values()), default=0)
+    errors = [large(e) for e in errors]
     at_first = {r["label"]: n for n, r in result["runs"].items() if (r["style"], r["seed"]) == (DANCE, first)}
     moved = [float(np.mean(motion_change(result, at_first[k])[-300:])) for k in lengths if k in at_first]
     found = [

@@ -95,6 +95,16 @@ def seeds_note(counts: Iterable[int]) -> str:
     return f", mean of {f'{counts[0]} to ' if counts[0] < counts[-1] else ''}{counts[-1]} training seeds"
 
 
+def number(value: float | None) -> float:
+    """A number of a result; NaN for None."""
+    return math.nan if value is None else float(value)
+
+
+def large(values: Any) -> np.ndarray:
+    """Errors to be compared: what is not finite is as wrong as can be."""
+    return np.nan_to_num(numbers(values), nan=np.inf, posinf=np.inf)
+
+
 # --- findings -------------------------------------------------------------------------------------
 
 
