@@ -22,7 +22,7 @@ from tutorial_lib.errors import CheckpointError, DataError, TutorialError
 from tutorial_lib.generate import prepare
 from tutorial_lib.recipes import Recipe, sets_of
 from tutorial_lib.representations import make_representation
-from tutorial_lib.reproduce import acrnn, acrnn_examples, grid
+from tutorial_lib.reproduce import acrnn, acrnn_examples, cost, grid
 from tutorial_lib.reproduce.acrnn_plan import QUICK, STYLES, SYSTEMS, Budget, Plan, label
 from tutorial_lib.reproduce.failures import RULES, Truth, failures
 from tutorial_lib.reproduce.published import ACRNN_TABLE_1, ACRNN_TABLE_2
@@ -526,6 +526,29 @@ def test_rates_are_chosen_on_clips_that_are_neither_trained_on_nor_tested(tmp_pa
     trained, aside = header["provenance"]["clips"], header["provenance"]["test_clips"]
     assert sorted(trained + aside) == sorted(m.name for m in train) and len(aside) == 1
     assert not {m.name for m in test} & {*trained, *aside}
+
+
+def test_a_data_set_that_no_rate_can_learn_does_not_choose(tmp_path, monkeypatch):
+    """It made every total infinite, so that the first rate was taken, whatever the other data sets said."""
+    inf = np.inf
+    errors = {"walking": [3.0, 1.0, 2.0], "martial": [inf, inf, inf]}
+    trials = {("lstm", name, rate): grid.Run(f"{name}-{rate}", TINY) for name in errors for rate in (0.1, 0.2, 0.4)}
+    monkeypatch.setattr(cost, "side_by_side", lambda *_, **__: sum(errors.values(), []))
+    told = []
+
+    def chosen() -> dict:
+        return cost.choose_rates(None, trials, tmp_path, None, lambda run: 1.0, jobs=1, tell=told.append)
+
+    record = chosen()
+    assert record["chosen"] == {"lstm": 0.2} and record["error"]["lstm"]["martial"] == [None] * 3
+    assert told[-1].endswith(" 0.2; without martial, where no rate has a finite error")
+    errors["martial"] = [1.0, inf, 9.0]
+    assert chosen()["chosen"] == {"lstm": 0.1} and "without" not in told[-1]
+    for errors["walking"], errors["martial"] in (([inf] * 3, [inf] * 3), ([inf, 1.0, inf], [1.0, inf, inf])):
+        with pytest.raises(
+            TutorialError, match="none of the learning rates 0.1, 0.2, 0.4 .* on walking, martial"
+        ):
+            chosen()
 
 
 # --- failures -------------------------------------------------------------------------------------
