@@ -312,10 +312,12 @@ def test_runs_of_another_recipe_in_that_place(made, capsys):
 
 def test_shipped_weights_are_measured_anew_in_a_result_that_is_there(made, tmp_path, fails, monkeypatch, capsys):
     folder, _, before = made
-    path = shutil.copy(folder / "acrnn.json", tmp_path)
+    path = tmp_path / "acrnn.json"
+    whole = {**json.loads((folder / "acrnn.json").read_text()), "data": "cmu", "quick": False}
+    path.write_text(json.dumps(whole))
     fails("reproduce", "acrnn", "--shipped", tmp_path / "none.json")
     assert "not at hand" in fails("reproduce", "acrnn", "--shipped", path, "--data", tmp_path)
-    assert acrnn.load_result(path) == json.loads((folder / "acrnn.json").read_text())
+    assert acrnn.load_result(path) == whole
 
     entry = {**before["long"]["martial/aclstm"], "lowest": 0.5}
     monkeypatch.setattr(acrnn, "measure_published", lambda name, protocol, report: {f"{name} (own seeds)": entry})
@@ -327,7 +329,25 @@ def test_shipped_weights_are_measured_anew_in_a_result_that_is_there(made, tmp_p
     after = acrnn.load_result(path)
     assert after.pop("shipped")["versions"] == before["versions"]
     assert after["long"].pop("aclstm-cmu-martial (own seeds)")["lowest"] == 0.5
-    assert after == json.loads((folder / "acrnn.json").read_text())
+    assert after == whole
+
+
+def test_what_cannot_hold_shipped_weights_is_refused_before_they_are_measured(made, tmp_path, fails, monkeypatch):
+    monkeypatch.setattr(acrnn, "clips_from", lambda *_, **__: pytest.fail("long work begins"))
+    path = tmp_path / "acrnn.json"
+    whole = {**made[2], "data": "cmu", "quick": False}
+    run = {"indian/lstm": {key: v for key, v in whole["runs"]["indian/lstm"].items() if key != "failures"}}
+    for result, told in (
+        (made[2], "is a quick trial, expected a whole result of data 'cmu'"),
+        ({**whole, "data": "samples"}, "is of data 'samples', expected a whole result of data 'cmu'"),
+        ({key: v for key, v in whole.items() if key != "long"}, "missing or damaged: long; expected"),
+        ({**whole, "runs": run}, "missing or damaged: KeyError 'failures'"),
+    ):
+        path.write_text(json.dumps(result))
+        assert told in fails("reproduce", "acrnn", "--shipped", path)
+    path.write_text(json.dumps(whole))
+    assert "measured on captured motion" in fails("reproduce", "acrnn", "--shipped", path, "--data", "samples")
+    assert "empty name" in fails("reproduce", "acrnn", "--shipped", "")
 
 
 @pytest.mark.parametrize(("count", "options", "told"), [
@@ -545,9 +565,7 @@ def test_a_data_set_that_no_rate_can_learn_does_not_choose(tmp_path, monkeypatch
     errors["martial"] = [1.0, inf, 9.0]
     assert chosen()["chosen"] == {"lstm": 0.1} and "without" not in told[-1]
     for errors["walking"], errors["martial"] in (([inf] * 3, [inf] * 3), ([inf, 1.0, inf], [1.0, inf, inf])):
-        with pytest.raises(
-            TutorialError, match="none of the learning rates 0.1, 0.2, 0.4 .* on walking, martial"
-        ):
+        with pytest.raises(TutorialError, match="none of the learning rates 0.1, 0.2, 0.4 .* on walking, martial"):
             chosen()
 
 
