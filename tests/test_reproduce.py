@@ -28,6 +28,7 @@ from tutorial_lib.reproduce.failures import RULES, Truth, failures
 from tutorial_lib.reproduce.published import ACRNN_TABLE_1, ACRNN_TABLE_2
 from tutorial_lib.threads import torch_threads
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header
+from tutorial_lib.view.explorer import note
 
 SAMPLES = pathlib.Path(__file__).resolve().parents[1] / "data_samples"
 WIDER = {"steps": 2000, "hidden": 128, "mirror": True}  # the budget of the second result that is shipped
@@ -244,6 +245,15 @@ def test_curves_and_figures(made):
         (1, 0): "indian/lstm", (1, 1): "indian/aclstm-u1-v1", (2, 2): "indian/aclstm-u2-v2",
         (5, 5): "indian/aclstm", (10, 10): "indian/aclstm-u10-v10",
     }  # fmt: skip
+
+
+def test_the_explorer_of_runs_that_are_not_finite(made):
+    broken = json.loads(json.dumps(made[2]))
+    run = broken["runs"]["indian/aclstm"]
+    run["error"], run["loss"] = [None] * 8, None
+    explorer = acrnn.explore(broken, {})
+    assert "error at 400 ms" in explorer._repr_html_() and explorer.png
+    assert [note(x) for x in (None, np.nan, 1.23456, 3, "3 of 20")] == ["–", "–", "1.23", "3", "3 of 20"]
 
 
 def test_motions_to_be_looked_at(made, tmp_path):

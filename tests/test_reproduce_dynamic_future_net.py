@@ -228,6 +228,30 @@ def test_tables_and_findings_follow_the_numbers(made):
             assert ours is None, "not measured"
 
 
+def test_what_is_not_finite_is_a_gap_and_no_finding(made):
+    broken = copy.deepcopy(made[2])
+    for label in (JOINT, "dancing", "dancing, 7 s"):
+        run = broken["runs"][label]
+        for action, entry in run["fan"]["prefixes"].items():
+            entry["pairwise"] = [None] * len(entry["pairwise"])
+            entry["band"][0] = [None] * len(entry["band"][0])
+            entry["coverage"] = entry["own"]["coverage"] = entry["own"]["data"][0] = entry["seconds"] = None
+            if run["data"].get(action) is not None:
+                run["data"][action]["band"][-1] = None
+        run["fan"]["data"][0] = None
+        for entry in run["stability"].values():
+            entry["bone_drift"] = entry["lowest"] = entry["foot_slide"]["generated"] = None
+        run["copies"].update(generated=[None] * 3, held_out=[None] * 3)
+    broken["runs"][JOINT]["transitions"]["accuracy"] = None
+    broken["elsewhere"] = {action: [None] * 3 for action in ACTIONS}
+    tables = dfn.tables(broken)
+    assert set(tables) == set(dfn.tables(made[2])) and "right about nan %" in tables["transitions"].caption
+    held = {f.claim: f.ours for f in dfn.findings(broken)}
+    for claim in ("Bones keep their length to 1e-4", "4096 motions of 128 frames in 60 s"):
+        assert held[claim] is False, claim
+    assert not any(ours for claim, ours in held.items() if claim.startswith(("Nothing is copied", "Figure 9", "Nor")))
+
+
 def test_growth_counts_from_the_fork_or_from_the_beginning():
     """Between kept frames the distance is a straight line; the beginning's frames are before the first of them."""
     fan = {"frames": [4, 8, 12, 16], "prefixes": {"walking": {"pairwise": [1.0, 2.0, 4.0, 8.0]}}}

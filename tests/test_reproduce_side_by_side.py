@@ -18,7 +18,7 @@ from tutorial_lib.metrics import PAPER_TIMES_MS
 from tutorial_lib.motion.retarget import to_common
 from tutorial_lib.recipes import Recipe
 from tutorial_lib.representations import make_representation
-from tutorial_lib.reproduce import side_by_side, side_by_side_networks, sources
+from tutorial_lib.reproduce import side_by_side, side_by_side_measure, side_by_side_networks, sources
 from tutorial_lib.reproduce.side_by_side_measure import blocks, errors_of, flaws_of, futures_of, root_speed
 from tutorial_lib.reproduce.side_by_side_plan import DFN, QUICK, SYSTEMS, VAE, Budget, Plan, name_of
 from tutorial_lib.reproduce.side_by_side_rollouts import control_for, go_on, motions_of, placed, windows_of
@@ -311,9 +311,24 @@ def test_a_run_that_is_not_finite_has_gaps_in_the_table(made):
         {"foot_slide": None, "steps": 0.0, "bones": None},
         [None],
     )
-    rows = next(iter(side_by_side.tables(broken)["side by side"].groups.values()))
+    broken["runs"][VAE]["paths"]["circle"]["deviation"]["mean"] = None
+    for split in broken["splits"].values():
+        split["true"]["foot_slide"] = None  # nobody touches the ground
+    rows, compared = side_by_side.tables(broken)["side by side"].groups.values()
+    (people,) = ([text for text, _ in numbers] for name, _, numbers in compared if name == "people")
+    assert people[COLUMNS.index("feet, cm")] == "–"
+    told = next(f for f in side_by_side.findings(broken) if "goes where it is told" in f.claim)
+    assert told.ours is False and told.evidence.startswith("nan cm off")
     (cells,) = ([text for text, _ in numbers] for name, _, numbers in rows if name == "seq2seq")
     assert cells[0] == "1.0" and cells[1:4] == ["–"] * 3 and cells[7:9] == ["–"] * 2
+
+
+def test_a_clip_in_which_no_foot_touches_the_ground_leaves_the_others_mean(walks, monkeypatch):
+    slides = iter([float("nan"), *range(1, len(walks))])
+    monkeypatch.setattr(side_by_side_measure, "flaws_of", lambda *_: {"foot_slide": float(next(slides)), "bones": 0.0})
+    truth = SimpleNamespace(to_dict=dict)
+    split = side_by_side_measure.split_of(walks, walks, truth, QUICK["protocol"])
+    assert split["true"]["foot_slide"] == pytest.approx(len(walks) / 2) and split["true"]["bones"] == 0
 
 
 def test_called_again_it_trains_nothing(made):

@@ -200,6 +200,14 @@ def test_findings_say_what_the_numbers_say(made):
     assert vae_lstm.tables(better)["table 1"].groups  # a missing run leaves the paper's row alone
 
 
+def test_true_feet_that_never_touch_the_ground_leave_a_gap(made):
+    broken = json.loads(json.dumps(made[2]))
+    for split in broken["splits"].values():
+        split["foot_skate"] = None
+    rows = vae_lstm.tables(broken)["feet"].groups["speed of feet that stand"]
+    assert [cells[-1][0] for name, _, cells in rows if name == "true motion"] == ["–"]
+
+
 def test_several_training_seeds_are_a_mean(made):
     _, _, result = made
     two = json.loads(json.dumps(result))

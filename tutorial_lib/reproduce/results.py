@@ -100,6 +100,14 @@ def number(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
+def mean_of(values: Iterable[float | None]) -> float:
+    """The mean of those that are finite, such as the slides of clips in which a foot touches the ground; NaN for
+    none."""
+    each = numbers(list(values))
+    each = each[np.isfinite(each)]
+    return float(each.mean()) if len(each) else math.nan
+
+
 def large(values: Any) -> np.ndarray:
     """Errors to be compared: what is not finite is as wrong as can be."""
     return np.nan_to_num(numbers(values), nan=np.inf, posinf=np.inf)
