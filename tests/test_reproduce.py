@@ -547,6 +547,8 @@ def test_rates_are_chosen_on_clips_that_are_neither_trained_on_nor_tested(tmp_pa
     )
     chosen, record = module.tune(plan, tmp_path, jobs=1, tell=lambda line: None)
     assert record["steps"] == 20 and set(record["chosen"]) == set(SYSTEMS)
+    again = module.tune(plan, tmp_path, jobs=1, tell=lambda line: None)
+    assert again[1] == record, "finished runs are held against the clips without those set aside"
     for system in SYSTEMS:
         low, high = record["error"][system]["martial"]
         assert chosen.rates[system] == (1e-9 if low < high else 5e-3)
