@@ -22,12 +22,13 @@ from tutorial_lib.errors import CheckpointError, DataError, TutorialError
 from tutorial_lib.generate import prepare
 from tutorial_lib.recipes import Recipe, sets_of
 from tutorial_lib.representations import make_representation
-from tutorial_lib.reproduce import acrnn, grid
+from tutorial_lib.reproduce import acrnn, acrnn_examples, cost, grid
 from tutorial_lib.reproduce.acrnn_plan import QUICK, STYLES, SYSTEMS, Budget, Plan, label
 from tutorial_lib.reproduce.failures import RULES, Truth, failures
 from tutorial_lib.reproduce.published import ACRNN_TABLE_1, ACRNN_TABLE_2
 from tutorial_lib.threads import torch_threads
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header
+from tutorial_lib.view.explorer import note
 
 SAMPLES = pathlib.Path(__file__).resolve().parents[1] / "data_samples"
 WIDER = {"steps": 2000, "hidden": 128, "mirror": True}  # the budget of the second result that is shipped
@@ -57,6 +58,23 @@ def test_what_is_trained():
     for field in ("steps", "hidden", "batch", "length", "schedule", "clip", "rotate", "rates"):
         assert len({getattr(run.recipe, field) for run in several}) == 1, f"the same {field} for every system"
     assert label(5, 5) == "aclstm"
+
+
+def test_the_first_seed_is_the_lowest_however_they_are_given(tmp_path, monkeypatch):
+    """The grid, long samples and motions are of the seed that the explorer and figures take, whatever its number."""
+    plan = Plan(grid=True, seeds=(3, 1))
+    assert plan.seeds == (1, 3)
+    assert {run.recipe.seed for run in plan.runs() if "u10-v1-" in run.name} == {1}
+    assert [plan.first(run) for run in plan.runs() if run.name.startswith("martial/lstm")] == ["martial/lstm", None]
+    result = acrnn.reproduce("samples", runs=tmp_path, jobs=1, quick=True, long=True, seeds=(1,), styles=("indian",),
+                             tell=lambda line: None)  # fmt: skip
+    assert set(result["long"]) == {"indian/aclstm-seed1", "indian/lstm-seed1"}
+    asked = []
+    monkeypatch.setattr(acrnn_examples, "divergence_time", lambda *_, **__: asked.append(1) or np.inf)
+    for run in result["runs"].values():
+        run["failures"]["latest"] = {"sample": 0, "seconds": 1.0, "rule": "stuck"}
+    found, _ = acrnn_examples.examples(result, Plan(samples=True, styles=("indian",), seeds=(1,), **QUICK), tmp_path)
+    assert len(asked) == len(SYSTEMS) == sum(name.startswith("failure") for name in found)
 
 
 def test_plans_that_cannot_be():
@@ -131,6 +149,9 @@ def test_several_training_seeds_are_a_mean_and_a_range(made):
         acrnn.error(two, "martial", "erd"), np.array(result["runs"]["martial/erd"]["error"]) + 0.25
     )
     tables = acrnn.tables(two)
+    assert tables["standard errors"].caption == "Standard error of one training seed's means, over 4 seeds"
+    once = acrnn.tables(result)["standard errors"].caption
+    assert once == "Standard error of table 1's means, over 4 seeds"
     assert "mean of 2 training seeds" in tables["table 1"].caption
     rows = {row: cells for row, _, cells in tables["training seeds"].groups["Martial Arts (here samples/boxing)"]}
     low, high = (float(rows[f"ERD, {which}"][0][0]) for which in ("lowest", "highest"))
@@ -139,6 +160,25 @@ def test_several_training_seeds_are_a_mean_and_a_range(made):
     once, wider = acrnn.difference(result, "martial", "aclstm", "lstm")
     np.testing.assert_allclose(mean, once)  # twice the same seeds: the same mean, a smaller standard error
     np.testing.assert_allclose(spread, wider * np.sqrt(3 / 7), atol=1e-9)  # s / sqrt(n) of 8 values instead of 4
+
+
+def test_a_folder_that_is_half_finished_is_told_as_far_as_it_is(made):
+    """As ``--no-train`` leaves it: styles without a run, a first seed without one length, a second of one system."""
+    half = json.loads(json.dumps(made[2]))
+    half["budget"]["training_seeds"] = [0, 1]
+    half["runs"] = {name: run for name, run in half["runs"].items() if run["style"] == "indian"}
+    half["splits"] = {name: split for name, split in half["splits"].items() if name.startswith("indian")}
+    half["long"] = {}
+    tables = acrnn.tables(half)
+    assert list(tables["table 1"].groups) == ["Indian Dance (here samples/dancing)"]
+    assert "training seeds" not in tables["table 1"].caption and "training seeds" not in tables
+    half["runs"]["indian/aclstm-u2-v2-seed1"] = {**half["runs"].pop("indian/aclstm-u2-v2"), "seed": 1}
+    half["runs"]["indian/erd-seed1"] = {**half["runs"]["indian/erd"], "seed": 1}
+    found = {f.claim: f for f in acrnn.findings(half)}
+    assert found["Figure 9: a longer condition length moves less in the long run"].evidence == "not measured"
+    assert "Table 2: a longer condition length errs less, at all times" in found
+    assert found["Walking: at 80 ms seq2seq errs least"].ours is None
+    assert "mean of 1 to 2 training seeds" in acrnn.tables(half)["table 1"].caption
 
 
 def test_findings_say_what_the_numbers_say(made):
@@ -165,6 +205,23 @@ def test_findings_say_what_the_numbers_say(made):
     assert len(acrnn.tables(better)["table 1"].groups) == 3  # a missing run leaves the paper's row alone
 
 
+def test_what_is_not_finite_is_as_wrong_as_can_be(made):
+    broken = json.loads(json.dumps(made[2]))
+    runs = {label: broken["runs"][f"indian/{label}"] for label in (label(n, n) for n in (10, 5, 2, 1))}
+    for size, (moved, run) in enumerate(zip((1.0, 2.0, None, 0.5), runs.values(), strict=True)):
+        run["error"], run["errors"] = [1.0 + size] * 8, [[1.0 + size] * 4] * 8
+        run["motion_change"]["values"] = [moved] * len(run["motion_change"]["values"])
+    for run in (broken["runs"]["indian/lstm"], runs["aclstm-u1-v1"]):
+        run["error"], run["errors"] = [None] * 8, [[None] * 4] * 8
+    found = {f.claim: f.ours for f in acrnn.findings(broken)}
+    assert found["Indian Dance: from 400 ms on acLSTM errs less than LSTM-3LR"] is True
+    assert found["Table 2: a longer condition length errs less, at all times"] is True
+    assert found["Figure 9: a longer condition length moves less in the long run"] is False, "how much is not known"
+    runs["aclstm"]["error"], runs["aclstm"]["errors"] = [None] * 8, [[None] * 4] * 8
+    found = {f.claim: f.ours for f in acrnn.findings(broken)}
+    assert found["Indian Dance: from 400 ms on acLSTM errs less than LSTM-3LR"] is False, "neither errs less"
+
+
 def test_differences_are_taken_seed_by_seed():
     run = {"style": "indian", "seed": 0}
     one = {**run, "label": "aclstm", "errors": [[1.0, 5.0, 9.0]] * 8}
@@ -188,6 +245,15 @@ def test_curves_and_figures(made):
         (1, 0): "indian/lstm", (1, 1): "indian/aclstm-u1-v1", (2, 2): "indian/aclstm-u2-v2",
         (5, 5): "indian/aclstm", (10, 10): "indian/aclstm-u10-v10",
     }  # fmt: skip
+
+
+def test_the_explorer_of_runs_that_are_not_finite(made):
+    broken = json.loads(json.dumps(made[2]))
+    run = broken["runs"]["indian/aclstm"]
+    run["error"], run["loss"] = [None] * 8, None
+    explorer = acrnn.explore(broken, {})
+    assert "error at 400 ms" in explorer._repr_html_() and explorer.png
+    assert [note(x) for x in (None, np.nan, 1.23456, 3, "3 of 20")] == ["–", "–", "1.23", "3", "3 of 20"]
 
 
 def test_motions_to_be_looked_at(made, tmp_path):
@@ -256,10 +322,12 @@ def test_runs_of_another_recipe_in_that_place(made, capsys):
 
 def test_shipped_weights_are_measured_anew_in_a_result_that_is_there(made, tmp_path, fails, monkeypatch, capsys):
     folder, _, before = made
-    path = shutil.copy(folder / "acrnn.json", tmp_path)
+    path = tmp_path / "acrnn.json"
+    whole = {**json.loads((folder / "acrnn.json").read_text()), "data": "cmu", "quick": False}
+    path.write_text(json.dumps(whole))
     fails("reproduce", "acrnn", "--shipped", tmp_path / "none.json")
     assert "not at hand" in fails("reproduce", "acrnn", "--shipped", path, "--data", tmp_path)
-    assert acrnn.load_result(path) == json.loads((folder / "acrnn.json").read_text())
+    assert acrnn.load_result(path) == whole
 
     entry = {**before["long"]["martial/aclstm"], "lowest": 0.5}
     monkeypatch.setattr(acrnn, "measure_published", lambda name, protocol, report: {f"{name} (own seeds)": entry})
@@ -271,7 +339,25 @@ def test_shipped_weights_are_measured_anew_in_a_result_that_is_there(made, tmp_p
     after = acrnn.load_result(path)
     assert after.pop("shipped")["versions"] == before["versions"]
     assert after["long"].pop("aclstm-cmu-martial (own seeds)")["lowest"] == 0.5
-    assert after == json.loads((folder / "acrnn.json").read_text())
+    assert after == whole
+
+
+def test_what_cannot_hold_shipped_weights_is_refused_before_they_are_measured(made, tmp_path, fails, monkeypatch):
+    monkeypatch.setattr(acrnn, "clips_from", lambda *_, **__: pytest.fail("long work begins"))
+    path = tmp_path / "acrnn.json"
+    whole = {**made[2], "data": "cmu", "quick": False}
+    run = {"indian/lstm": {key: v for key, v in whole["runs"]["indian/lstm"].items() if key != "failures"}}
+    for result, told in (
+        (made[2], "is a quick trial, expected a whole result of data 'cmu'"),
+        ({**whole, "data": "samples"}, "is of data 'samples', expected a whole result of data 'cmu'"),
+        ({key: v for key, v in whole.items() if key != "long"}, "missing or damaged: long; expected"),
+        ({**whole, "runs": run}, "missing or damaged: KeyError 'failures'"),
+    ):
+        path.write_text(json.dumps(result))
+        assert told in fails("reproduce", "acrnn", "--shipped", path)
+    path.write_text(json.dumps(whole))
+    assert "measured on captured motion" in fails("reproduce", "acrnn", "--shipped", path, "--data", "samples")
+    assert "empty name" in fails("reproduce", "acrnn", "--shipped", "")
 
 
 @pytest.mark.parametrize(("count", "options", "told"), [
@@ -349,6 +435,18 @@ def test_a_run_that_was_stopped_ends_in_the_same_weights(tmp_path):
     other = grid.Run("a/b", dataclasses.replace(TINY, hidden=9))
     with pytest.raises(CheckpointError, match="hidden 8, asked for 9"):
         other.steps_left(tmp_path / "one")
+
+
+def test_a_finished_run_is_not_measured_on_other_clips(tmp_path):
+    """One clip more in the folder and the split is another: what is kept out now it may have been trained on."""
+    run = grid.Run("a/b", TINY)
+    with torch_threads(1):
+        grid.train(run, tmp_path, lambda name, step: None)
+        grid.train(run, tmp_path, lambda name, step: None)  # the same clips
+        ((train, test),) = grid.clips_for(TINY)
+        for others in ([([*train, test[0]], test[1:])], [([*train[1:], test[0]], test)]):
+            with pytest.raises(CheckpointError, match=r"a/b.safetensors: was started on \d+ clips"):
+                grid.train(run, tmp_path, lambda name, step: None, others)
 
 
 SIDE_BY_SIDE = """
@@ -449,6 +547,8 @@ def test_rates_are_chosen_on_clips_that_are_neither_trained_on_nor_tested(tmp_pa
     )
     chosen, record = module.tune(plan, tmp_path, jobs=1, tell=lambda line: None)
     assert record["steps"] == 20 and set(record["chosen"]) == set(SYSTEMS)
+    again = module.tune(plan, tmp_path, jobs=1, tell=lambda line: None)
+    assert again[1] == record, "finished runs are held against the clips without those set aside"
     for system in SYSTEMS:
         low, high = record["error"][system]["martial"]
         assert chosen.rates[system] == (1e-9 if low < high else 5e-3)
@@ -458,6 +558,27 @@ def test_rates_are_chosen_on_clips_that_are_neither_trained_on_nor_tested(tmp_pa
     trained, aside = header["provenance"]["clips"], header["provenance"]["test_clips"]
     assert sorted(trained + aside) == sorted(m.name for m in train) and len(aside) == 1
     assert not {m.name for m in test} & {*trained, *aside}
+
+
+def test_a_data_set_that_no_rate_can_learn_does_not_choose(tmp_path, monkeypatch):
+    """It made every total infinite, so that the first rate was taken, whatever the other data sets said."""
+    inf = np.inf
+    errors = {"walking": [3.0, 1.0, 2.0], "martial": [inf, inf, inf]}
+    trials = {("lstm", name, rate): grid.Run(f"{name}-{rate}", TINY) for name in errors for rate in (0.1, 0.2, 0.4)}
+    monkeypatch.setattr(cost, "side_by_side", lambda *_, **__: sum(errors.values(), []))
+    told = []
+
+    def chosen() -> dict:
+        return cost.choose_rates(None, trials, tmp_path, None, lambda run: 1.0, jobs=1, tell=told.append)
+
+    record = chosen()
+    assert record["chosen"] == {"lstm": 0.2} and record["error"]["lstm"]["martial"] == [None] * 3
+    assert told[-1].endswith(" 0.2; without martial, where no rate has a finite error")
+    errors["martial"] = [1.0, inf, 9.0]
+    assert chosen()["chosen"] == {"lstm": 0.1} and "without" not in told[-1]
+    for errors["walking"], errors["martial"] in (([inf] * 3, [inf] * 3), ([inf, 1.0, inf], [1.0, inf, inf])):
+        with pytest.raises(TutorialError, match="none of the learning rates 0.1, 0.2, 0.4 .* on walking, martial"):
+            chosen()
 
 
 # --- failures -------------------------------------------------------------------------------------

@@ -155,6 +155,14 @@ def test_called_again_it_trains_nothing_and_finds_the_same(made, capsys):
     (folder / "dancing.json").write_text(json.dumps({**kept, "weights": "of another run"}))
     anew = dfn.reproduce("samples", runs=folder, jobs=1, quick=True, networks=("dancing",), train_missing=False,
                          tell=told.append)  # fmt: skip
+    ((train, test),) = kept["clips"]
+    assert train == read_header(folder / "dancing.safetensors")["provenance"]["clips"] and not set(test) & set(train)
+    older = {key: value for key, value in kept.items() if key != "clips"}
+    for stale in ({**kept, "clips": [[train, ["another"]]]}, older):
+        (folder / "dancing.json").write_text(json.dumps({**stale, "entry": {"of": "other clips"}}))
+        other = dfn.reproduce("samples", runs=folder, jobs=1, quick=True, networks=("dancing",), train_missing=False,
+                              tell=told.append)  # fmt: skip
+        assert other["runs"]["dancing"]["loss"] == result["runs"]["dancing"]["loss"], "measured anew"
     one, two = (copy.deepcopy(r["runs"]["dancing"]) for r in (result, anew))
     for run in (one, two):
         for entry in run["fan"]["prefixes"].values():
@@ -218,6 +226,30 @@ def test_tables_and_findings_follow_the_numbers(made):
             assert ours is True, claim
         if "shipped" in claim or "Without" in claim:
             assert ours is None, "not measured"
+
+
+def test_what_is_not_finite_is_a_gap_and_no_finding(made):
+    broken = copy.deepcopy(made[2])
+    for label in (JOINT, "dancing", "dancing, 7 s"):
+        run = broken["runs"][label]
+        for action, entry in run["fan"]["prefixes"].items():
+            entry["pairwise"] = [None] * len(entry["pairwise"])
+            entry["band"][0] = [None] * len(entry["band"][0])
+            entry["coverage"] = entry["own"]["coverage"] = entry["own"]["data"][0] = entry["seconds"] = None
+            if run["data"].get(action) is not None:
+                run["data"][action]["band"][-1] = None
+        run["fan"]["data"][0] = None
+        for entry in run["stability"].values():
+            entry["bone_drift"] = entry["lowest"] = entry["foot_slide"]["generated"] = None
+        run["copies"].update(generated=[None] * 3, held_out=[None] * 3)
+    broken["runs"][JOINT]["transitions"]["accuracy"] = None
+    broken["elsewhere"] = {action: [None] * 3 for action in ACTIONS}
+    tables = dfn.tables(broken)
+    assert set(tables) == set(dfn.tables(made[2])) and "right about nan %" in tables["transitions"].caption
+    held = {f.claim: f.ours for f in dfn.findings(broken)}
+    for claim in ("Bones keep their length to 1e-4", "4096 motions of 128 frames in 60 s"):
+        assert held[claim] is False, claim
+    assert not any(ours for claim, ours in held.items() if claim.startswith(("Nothing is copied", "Figure 9", "Nor")))
 
 
 def test_growth_counts_from_the_fork_or_from_the_beginning():

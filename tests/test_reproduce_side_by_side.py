@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from tutorial_lib.metrics import PAPER_TIMES_MS
 from tutorial_lib.motion.retarget import to_common
 from tutorial_lib.recipes import Recipe
 from tutorial_lib.representations import make_representation
-from tutorial_lib.reproduce import side_by_side, side_by_side_networks, sources
+from tutorial_lib.reproduce import side_by_side, side_by_side_measure, side_by_side_networks, sources
 from tutorial_lib.reproduce.side_by_side_measure import blocks, errors_of, flaws_of, futures_of, root_speed
 from tutorial_lib.reproduce.side_by_side_plan import DFN, QUICK, SYSTEMS, VAE, Budget, Plan, name_of
 from tutorial_lib.reproduce.side_by_side_rollouts import control_for, go_on, motions_of, placed, windows_of
@@ -217,6 +218,24 @@ def test_the_networks_beside_a_result_are_those_that_were_measured(made, walks):
         side_by_side.load_networks(folder / "nowhere")
 
 
+def test_the_networks_are_of_the_first_seed_whatever_its_number(tmp_path, monkeypatch):
+    written = []
+    monkeypatch.setattr(side_by_side_networks, "load_checkpoint", lambda path: path)
+    monkeypatch.setattr(
+        side_by_side_networks,
+        "rounded",
+        lambda path: SimpleNamespace(
+            system=path.stem, model=None, representation=None, normalizer=None, training={}, provenance={}, sway=None
+        ),
+    )
+    monkeypatch.setattr(side_by_side_networks, "save_checkpoint", lambda path, system, **_: written.append(
+        (path.name, system)))  # fmt: skip
+    plan = Plan(seeds=(4, 2))
+    result = {"runs": {run.name: {} for run in plan.runs()}}
+    assert side_by_side_networks.write_networks(result, plan, tmp_path, tmp_path) == len(SYSTEMS)
+    assert written == [(f"{name}.safetensors", f"{name}-seed2") for name in SYSTEMS]
+
+
 def test_the_table_has_the_numbers_of_the_result(made):
     _, told, result = made
     tables = side_by_side.tables(result)
@@ -254,6 +273,11 @@ def test_findings_say_what_the_numbers_say(made):
     best["runs"][VAE]["error"][-1] = 3.0
     best["runs"][DFN]["error"][0] = 5.8  # it draws and never fails, and is not among the best at first
     assert all(f.ours for f in side_by_side.findings(best)), [str(f) for f in side_by_side.findings(best)]
+    exploded = json.loads(json.dumps(best))
+    exploded["runs"]["lstm"]["error"] = [5.0, *[None] * 7]  # as wrong as can be
+    assert all(f.ours for f in side_by_side.findings(exploded)), [str(f) for f in side_by_side.findings(exploded)]
+    exploded["runs"]["lstm"]["error"][0] = None
+    assert "LSTM-3LR nan" not in side_by_side.findings(exploded)[-1].evidence, "not among the least"
     best["runs"]["aclstm"]["error"][4] = 9.5
     best["runs"][DFN]["error"][0] = 1.0
     wrong = [f.claim for f in side_by_side.findings(best) if not f.ours]
@@ -272,7 +296,9 @@ def test_several_training_seeds_are_a_mean(made):
     two["runs"]["erd-seed1"]["flaws"]["bones"] = 50.0
     mine = result["runs"]["erd"]["flaws"]["bones"]
     assert side_by_side.value(two, "erd", "flaws", "bones") == pytest.approx((mine + 50) / 2)
-    assert "mean of 2 training seeds" in side_by_side.tables(two)["side by side"].caption
+    assert "mean of 1 to 2 training seeds" in side_by_side.tables(two)["side by side"].caption
+    only = {**two, "runs": result["runs"]}
+    assert "training seeds" not in side_by_side.tables(only)["side by side"].caption, "asked for, and not there"
     assert side_by_side.value(two, "nobody", "ms") is None
 
 
@@ -285,9 +311,24 @@ def test_a_run_that_is_not_finite_has_gaps_in_the_table(made):
         {"foot_slide": None, "steps": 0.0, "bones": None},
         [None],
     )
-    rows = next(iter(side_by_side.tables(broken)["side by side"].groups.values()))
+    broken["runs"][VAE]["paths"]["circle"]["deviation"]["mean"] = None
+    for split in broken["splits"].values():
+        split["true"]["foot_slide"] = None  # nobody touches the ground
+    rows, compared = side_by_side.tables(broken)["side by side"].groups.values()
+    (people,) = ([text for text, _ in numbers] for name, _, numbers in compared if name == "people")
+    assert people[COLUMNS.index("feet, cm")] == "–"
+    told = next(f for f in side_by_side.findings(broken) if "goes where it is told" in f.claim)
+    assert told.ours is False and told.evidence.startswith("nan cm off")
     (cells,) = ([text for text, _ in numbers] for name, _, numbers in rows if name == "seq2seq")
     assert cells[0] == "1.0" and cells[1:4] == ["–"] * 3 and cells[7:9] == ["–"] * 2
+
+
+def test_a_clip_in_which_no_foot_touches_the_ground_leaves_the_others_mean(walks, monkeypatch):
+    slides = iter([float("nan"), *range(1, len(walks))])
+    monkeypatch.setattr(side_by_side_measure, "flaws_of", lambda *_: {"foot_slide": float(next(slides)), "bones": 0.0})
+    truth = SimpleNamespace(to_dict=dict)
+    split = side_by_side_measure.split_of(walks, walks, truth, QUICK["protocol"])
+    assert split["true"]["foot_slide"] == pytest.approx(len(walks) / 2) and split["true"]["bones"] == 0
 
 
 def test_called_again_it_trains_nothing(made):

@@ -176,6 +176,15 @@ def test_findings_say_what_the_numbers_say(made):
     assert found["Motion error (mean squared) at frame 210 at least 3 times below the best baseline without"]
     assert found["Prior samples (mean squared) within 1.5 times of posterior ones, in both tables at all times"]
     assert not found["Table 1: at frame 70 the baselines, shown 60 frames, err less than the VAE-LSTM"]
+    exploded = json.loads(json.dumps(better))
+    for way in exploded["runs"]["lstm"]["ways"].values():  # as wrong as can be, so its error grew most
+        way["motion"]["squared"][-1] = None
+    assert {f.claim: f.ours for f in vae_lstm.findings(exploded)} == found
+    for way in exploded["runs"][VAE]["ways"].values():
+        way["motion"]["squared"] = [None] * 5
+    worst = {f.claim: f.ours for f in vae_lstm.findings(exploded)}
+    assert worst["Table 1: at frame 70 the baselines, shown 60 frames, err less than the VAE-LSTM"]
+    assert not any(ours for claim, ours in worst.items() if claim.startswith("Table 1: from frame"))
     for way in better["runs"]["crbm-cd1"]["ways"].values():  # one baseline a little better, at one time
         way["pose"]["squared"][2] = 1.5e-4
     found = {f.claim: f.ours for f in vae_lstm.findings(better)}
@@ -191,6 +200,14 @@ def test_findings_say_what_the_numbers_say(made):
     assert vae_lstm.tables(better)["table 1"].groups  # a missing run leaves the paper's row alone
 
 
+def test_true_feet_that_never_touch_the_ground_leave_a_gap(made):
+    broken = json.loads(json.dumps(made[2]))
+    for split in broken["splits"].values():
+        split["foot_skate"] = None
+    rows = vae_lstm.tables(broken)["feet"].groups["speed of feet that stand"]
+    assert [cells[-1][0] for name, _, cells in rows if name == "true motion"] == ["–"]
+
+
 def test_several_training_seeds_are_a_mean(made):
     _, _, result = made
     two = json.loads(json.dumps(result))
@@ -199,7 +216,9 @@ def test_several_training_seeds_are_a_mean(made):
     two["runs"]["erd-seed1"]["ways"][GIVEN]["pose"]["error"] = [1.0] * 5
     mine = np.array(result["runs"]["erd"]["ways"][GIVEN]["pose"]["error"])
     np.testing.assert_allclose(vae_lstm.error(two, "erd", GIVEN), (mine + 1) / 2)
-    assert "mean of 2 training seeds" in vae_lstm.tables(two)["table 1"].caption
+    assert "mean of 1 to 2 training seeds" in vae_lstm.tables(two)["table 1"].caption
+    only = {**two, "runs": result["runs"]}
+    assert "training seeds" not in vae_lstm.tables(only)["table 1"].caption, "asked for, and not there"
     assert vae_lstm.error(two, "seq2seq", GIVEN) is None
 
 

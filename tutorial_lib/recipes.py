@@ -395,11 +395,7 @@ def trainer_for(
     else:
         representation, normalizer, told, sway = there.representation, there.normalizer, there.provenance, there.sway
         settings = {name: there.training[name] for name in settings if name in there.training}  # as it has them
-        if names != told.get("clips"):
-            raise CheckpointError(
-                f"{path}: was started on {len(told.get('clips') or ())} clips of {' + '.join(recipe.data)}, "
-                f"now there are other ones ({len(train)} to train on)"
-            )
+        check_same_clips(path, recipe, told, sets)
 
     shown = [part for part, _ in sets]
     if recipe.mirror:
@@ -434,6 +430,22 @@ def trainer_for(
         trainer.model.load_state_dict(there.model.state_dict())
         trainer.step, trainer.seconds = recipe.steps, float(there.training.get("seconds", 0.0))
     return trainer
+
+
+def check_same_clips(
+    path: str | os.PathLike,
+    recipe: Recipe,
+    told: Mapping[str, Any],
+    sets: Sequence[tuple[list[Motion], list[Motion]]],
+) -> None:
+    """:class:`CheckpointError` if the run in ``path``, of the provenance ``told``, has other training clips than
+    ``sets``: what is kept out of these it may have been trained on."""
+    names, there = [motion.name for part, _ in sets for motion in part], told.get("clips")
+    if names != there:
+        raise CheckpointError(
+            f"{path}: was started on {len(there or ())} clips of {' + '.join(recipe.data)}, "
+            f"now there are other ones ({len(names)} to train on)"
+        )
 
 
 def _sway_of(clips: Sequence[Motion], fps: float) -> Sway | None:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from .options import MOST, PROGRAM, add_command, whole
-from .outputs import check_folder, check_named, tell
+from .outputs import check_folder, check_named, check_output, tell
 
 
 def add(commands) -> None:
@@ -178,6 +178,7 @@ def _reproduce_acrnn(options: argparse.Namespace, _: Sequence[str]) -> None:
     from ..reproduce.acrnn import measure_shipped, reproduce
 
     if options.shipped is not None:
+        check_output(options.shipped, ())
         measure_shipped(options.shipped, options.data, jobs=options.jobs)
         return
     common = _reproduction(options, "steps", "hidden", "batch", "length", "mirror")

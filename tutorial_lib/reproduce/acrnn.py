@@ -44,6 +44,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from .. import metrics
+from ..errors import DataError
 from ..evaluate import jsonable, roll_out
 from ..motion.clip import Motion
 from ..recipes import Recipe
@@ -147,7 +148,7 @@ def reproduce(
 def _measured(plan: Plan, folder: pathlib.Path, costs: Costs, *, jobs: int, long: bool, train_missing: bool,
               tell: Callable[[str], None]) -> dict[str, Any]:  # fmt: skip
     runs = plan.runs() if train_missing else finished(plan.runs(), folder)
-    long_runs = tuple(name for name in LONG_RUNS if long and any(run.name == name for run in runs))
+    long_runs = tuple(run.name for run in runs if long and plan.first(run) in LONG_RUNS)
     left = {run.name: run.steps_left(folder) for run in runs}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of clips that are too short: the training itself will tell
@@ -177,9 +178,14 @@ def measure_shipped(path: str | os.PathLike, source: str | None = None, *, jobs:
     """Measure the shipped weights anew in a result that is there already, for who has put others in their place.
 
     Nothing is trained and all else stays as it was; the result's ``shipped`` tells when, and with what versions.
-    Raises :class:`DataError` for a file that is no result, or data sets that are not at hand.
+    Raises :class:`DataError` for a file that is no result of the CMU's motions or has not all of one, or for data sets
+    that are not at hand.
     """
     result, plan = load_result(path), Plan()
+    if source == "samples":
+        raise DataError(f"samples: the weights shipped are measured on captured motion, expected a folder that holds "
+                        f"{', '.join(plan.data(style) for style in plan.styles)}")  # fmt: skip
+    _check_whole(result, path)
     with clips_from(source, [plan.data(style) for style in plan.styles], samples=False, aside=0):
         result["long"].update(jsonable(_shipped(plan, jobs)))
     now = head("acrnn", SCHEMA)
@@ -188,6 +194,24 @@ def measure_shipped(path: str | os.PathLike, source: str | None = None, *, jobs:
     tell(str(tables(result)["long"]))
     tell(f"wrote {path}")
     return result
+
+
+def _check_whole(result: Mapping[str, Any], path: str | os.PathLike) -> None:
+    """:class:`DataError` for a result that long samples of the shipped weights cannot be added to: hours later its
+    tables are printed."""
+    if result.get("data") != "cmu" or result.get("quick"):
+        what = "a quick trial" if result.get("quick") else f"of data {result.get('data')!r}"
+        raise DataError(f"{path}: is {what}, expected a whole result of data 'cmu', on which the weights shipped are "
+                        "measured")  # fmt: skip
+    missing = [key for key, value in _frame(Plan()).items() if not isinstance(result.get(key), type(value))]
+    try:
+        if not missing:
+            tables(result)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        missing = [f"{type(error).__name__} {error}"]
+    if missing:
+        raise DataError(f"{path}: not a whole result of reproduce acrnn, missing or damaged: {', '.join(missing)}; "
+                        "expected one as reproduce acrnn writes it")  # fmt: skip
 
 
 def _frame(plan: Plan) -> dict[str, Any]:

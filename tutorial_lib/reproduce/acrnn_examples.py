@@ -60,7 +60,7 @@ def examples(
         first = min(first, protocol.frames // 2)  # of a quick trial there is less
         found[f"pair {u} {v}"] = made.made[0, first:last]
     for run in runs.values():
-        style, system = run.name.split("/")
+        style, system = (plan.first(run) or "/").split("/")
         latest = result["runs"][run.name]["failures"]["latest"]
         if style != DANCE or system not in SYSTEMS or latest is None:
             continue

@@ -100,6 +100,7 @@ class Plan:
             if style not in STYLES:
                 raise TutorialError(f"unknown style {style!r}; known are {', '.join(STYLES)}")
         check_each_once(styles=self.styles, seeds=self.seeds)
+        object.__setattr__(self, "seeds", tuple(sorted(self.seeds)))  # the lowest first, as readers take it
 
     def data(self, style: str) -> str:
         """The data set of a style."""
@@ -112,6 +113,11 @@ class Plan:
             system, (self.data(style),), learning_rate=self.rates[system], seed=seed, options=own,
             **dataclasses.asdict(self.budget),
         )  # fmt: skip
+
+    def first(self, run: Run) -> str | None:
+        """The name of a run of the first training seed, without the seed; None for one of another seed."""
+        seed = run.recipe.seed
+        return run.name.removesuffix(f"-seed{seed}") if seed == self.seeds[0] else None
 
     def runs(self) -> list[Run]:
         """Everything to train, in the order of its worth: table 1, table 2, the grid; then the other seeds."""

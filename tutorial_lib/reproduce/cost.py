@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..data.windows import split_clips
+from ..errors import TutorialError
 from ..evaluate import jsonable
 from ..motion.clip import Motion
 from ..recipes import Recipe
@@ -100,9 +101,9 @@ def choose_rates(
 
     trials: a run for every system, data set and rate. ``score(run, folder, settings, report)`` is its error there,
     of which the rate with the lowest geometric mean over the data sets is chosen (a rate at which training breaks off
-    has an infinite one). then: what is told of the cost afterwards.
+    has an infinite one; a data set on which all do is left out, and told). then: what is told of the cost afterwards.
     Returns ``steps`` (a number, or {system: steps} where they differ), ``rates``, ``error`` {system: {data set: [of
-    each rate]}} and ``chosen`` {system: rate}.
+    each rate]}} and ``chosen`` {system: rate}. Raises :class:`TutorialError` for a system that no rate can train.
     """
     rates = tuple(dict.fromkeys(rate for *_, rate in trials))
     runs = list(trials.values())
@@ -121,11 +122,29 @@ def choose_rates(
     for (system, name, _), error in zip(trials, scores, strict=True):
         record["error"].setdefault(system, {}).setdefault(name, []).append(error)
     for system, sets in record["error"].items():
-        total = np.log(np.array(list(sets.values()))).sum(0)  # (rates,)
-        record["chosen"][system] = rates[int(total.argmin())]
-        edge = total.argmin() in (0, len(total) - 1)
-        tell(f"  {system:<20} {record['chosen'][system]:g}" + (", at the edge of what was tried" if edge else ""))
+        best, said = _best_rate(system, sets, rates)
+        record["chosen"][system] = rates[best]
+        edge = best in (0, len(rates) - 1)
+        tell(f"  {system:<20} {rates[best]:g}" + (", at the edge of what was tried" if edge else "") + said)
     return jsonable(record)
+
+
+def _best_rate(system: str, sets: Mapping[str, Sequence[float]], rates: Sequence[float]) -> tuple[int, str]:
+    """The number of the rate that does best on the data sets, and what is to be told of those left out.
+
+    A data set on which no rate has a finite error says nothing of the rates. :class:`TutorialError` if none is left.
+    """
+    tried = ", ".join(f"{rate:g}" for rate in rates)
+    told = {name: errors for name, errors in sets.items() if np.isfinite(errors).any()}
+    if told:
+        total = np.log(np.array(list(told.values()))).sum(0)  # (rates,)
+        if np.isfinite(total.min()):
+            left = [name for name in sets if name not in told]
+            return int(total.argmin()), f"; without {', '.join(left)}, where no rate has a finite error" if left else ""
+    raise TutorialError(
+        f"{system}: none of the learning rates {tried} has a finite error on {', '.join(told or sets)}, expected one "
+        "that does; without --tune the default is taken"
+    )
 
 
 def _steps_left(run: Run, folder: pathlib.Path) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from .dynamic_future_net_plan import ACLSTM, JOINT, LIMITED, NO_FUTURE, NO_TEMPORAL, SHIPPED
 from .dynamic_future_net_tables import DANCES, alone, at_times, band_share, failed, growth, nets, runs_of
-from .results import Finding, Result, numbers
+from .results import Finding, Result, number, numbers
 
 Runs = Mapping[str, dict[str, Any]]
 
@@ -49,7 +49,8 @@ def _stable(result: Result) -> list[Finding]:
     everything = nets(result)
 
     def rigid() -> tuple[bool, str]:
-        worst = max(entry["bone_drift"] for run in everything.values() for entry in run["stability"].values())
+        each = [entry["bone_drift"] for run in everything.values() for entry in run["stability"].values()]
+        worst = float(np.max(numbers(each)))
         return worst < 1e-4, f"largest change {worst:.1e}"
 
     return [*found, _held("Bones keep their length to 1e-4", everything, rigid)]
@@ -85,7 +86,9 @@ def _diverse(result: Result) -> list[Finding]:
     followed = {a: run for a, run in alone(result).items() if run["data"][a] is not None}
 
     def as_the_data() -> tuple[bool, str]:
-        ratios = {a: at_times(result, run, a, "band")[-1] / run["data"][a]["band"][-1] for a, run in followed.items()}
+        ratios = {
+            a: at_times(result, run, a, "band")[-1] / number(run["data"][a]["band"][-1]) for a, run in followed.items()
+        }
         return all(r >= 0.8 for r in ratios.values()), ", ".join(f"{a} {100 * r:.0f} %" for a, r in ratios.items())
 
     found.append(_held(f"At frame {last} futures differ at least 80 % as much as the data do after alike beginnings",
@@ -107,7 +110,7 @@ def _whole(result: Result) -> list[Finding]:
     runs = {label: run for each in _kinds(result).values() for label, run in each.items()}
 
     def copies() -> tuple[bool, str]:
-        pairs = {label: (run["copies"]["generated"][1], run["copies"]["held_out"][1]) for label, run in runs.items()}
+        pairs = {label: [number(run["copies"][k][1]) for k in ("generated", "held_out")] for label, run in runs.items()}
         return all(a >= b for a, b in pairs.values()), ", ".join(f"{k} {100 * a:.1f} and {100 * b:.1f} cm" for k, (a, b)
                                                                  in pairs.items())  # fmt: skip
 
@@ -115,13 +118,13 @@ def _whole(result: Result) -> list[Finding]:
     singles = {a: run for a, run in alone(result).items() if known.get(a)}
 
     def new() -> tuple[bool, str]:
-        pairs = {a: (run["copies"]["generated"][1], known[a][1]) for a, run in singles.items()}
+        pairs = {a: (number(run["copies"]["generated"][1]), number(known[a][1])) for a, run in singles.items()}
         return all(a >= b for a, b in pairs.values()), ", ".join(f"{k} {100 * a:.1f} and {100 * b:.1f} cm" for k, (a, b)
                                                                  in pairs.items())  # fmt: skip
 
     def fast() -> tuple[bool, str]:
-        slowest = max(entry["seconds"] * result["protocol"]["fan"] / entry["motions"] for run in runs.values()
-                      for entry in run["fan"]["prefixes"].values())  # fmt: skip
+        slowest = float(np.max([number(entry["seconds"]) * result["protocol"]["fan"] / entry["motions"]
+                                for run in runs.values() for entry in run["fan"]["prefixes"].values()]))  # fmt: skip
         protocol = result["protocol"]
         return slowest <= 60, f"{slowest:.0f} s of one core, {protocol['fan']} of {protocol['fan_frames']} frames"
 

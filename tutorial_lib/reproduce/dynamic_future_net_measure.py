@@ -43,6 +43,8 @@ from .failures import Truth, failures
 from .grid import Report, Run, clips_for, train, trained_with
 from .results import rounded, write_result
 
+Sets = Sequence[tuple[list[Motion], list[Motion]]]  # (training clips, test clips) of each action
+
 DATA_WINDOWS = 4000  # of the training clips at one rate and on one side, in which a copy is looked for
 
 
@@ -51,7 +53,7 @@ def train_and_measure(run: Run, folder: pathlib.Path, plan: Plan, report: Report
     sets = sets_for(run)
     train(run, folder, report, sets)
     path = run.path(folder)
-    entry = kept(path, path.with_suffix(".json"), plan.protocol,
+    entry = kept(path, path.with_suffix(".json"), plan.protocol, sets,
                  lambda: entry_of(load_checkpoint(path), run.recipe, name_of(run), sets, plan.protocol))  # fmt: skip
     report(run.name, run.recipe.steps + 1)
     return entry
@@ -61,38 +63,41 @@ def measure_published(name: str, folder: pathlib.Path, protocol: Protocol, repor
     """The entry of weights that come with the library, on the clips that were kept out when they were trained."""
     path = pretrained.path(name)
     recipe = recipe_in(read_header(path))
-    return kept(path, folder / f"{name}.json", protocol,
-                lambda: entry_of(pretrained.load(name), recipe, SHIPPED, clips_for(recipe), protocol))  # fmt: skip
+    sets = clips_for(recipe)
+    return kept(path, folder / f"{name}.json", protocol, sets,
+                lambda: entry_of(pretrained.load(name), recipe, SHIPPED, sets, protocol))  # fmt: skip
 
 
-def kept(weights: pathlib.Path, path: pathlib.Path, protocol: Protocol,
+def kept(weights: pathlib.Path, path: pathlib.Path, protocol: Protocol, sets: Sets,
          measured: Callable[[], dict[str, Any]]) -> dict[str, Any]:  # fmt: skip
-    """What was measured of the same weights in the same way, if ``path`` has it; else it is measured and kept there.
+    """What was measured of the same weights in the same way on the same clips, if ``path`` has it; else it is
+    measured and kept there.
 
     Thousands of motions take minutes of each network: a command that was stopped need not make them again.
     """
-    there = found_in(weights, path, protocol)
+    there = found_in(weights, path, protocol, sets)
     if there is None:
         there = jsonable(measured())
-        write_result({**_asked(weights, protocol), "entry": there}, path)
+        write_result({**_asked(weights, protocol, sets), "entry": there}, path)
     return there
 
 
-def found_in(weights: pathlib.Path, path: pathlib.Path, protocol: Protocol) -> dict[str, Any] | None:
-    """What :func:`kept` has in ``path`` of these weights and this protocol; None if nothing."""
+def found_in(weights: pathlib.Path, path: pathlib.Path, protocol: Protocol, sets: Sets) -> dict[str, Any] | None:
+    """What :func:`kept` has in ``path`` of these weights, this protocol and these clips; None if nothing."""
     with contextlib.suppress(OSError, ValueError, TypeError):
-        there, asked = json.loads(path.read_text(encoding="utf-8")), _asked(weights, protocol)
+        there, asked = json.loads(path.read_text(encoding="utf-8")), _asked(weights, protocol, sets)
         if {key: there.get(key) for key in asked} == asked and isinstance(there.get("entry"), dict):
             return there["entry"]
     return None
 
 
-def _asked(weights: pathlib.Path, protocol: Protocol) -> dict[str, Any]:
+def _asked(weights: pathlib.Path, protocol: Protocol, sets: Sets) -> dict[str, Any]:
     return {"weights": hashlib.sha256(weights.read_bytes()).hexdigest(),
+            "clips": [[[motion.name for motion in part] for part in each] for each in sets],
             "protocol": jsonable(dataclasses.asdict(protocol))}  # fmt: skip
 
 
-def entry_of(checkpoint: Checkpoint, recipe: Recipe, name: str, sets: Sequence[tuple[list[Motion], list[Motion]]],
+def entry_of(checkpoint: Checkpoint, recipe: Recipe, name: str, sets: Sets,
              protocol: Protocol) -> dict[str, Any]:  # fmt: skip
     """What the result says of a trained network."""
     network = NETWORKS[name]
@@ -276,7 +281,7 @@ def seconds_of_measuring(run: Run, folder: pathlib.Path, plan: Plan) -> float:
     over for all that is done with them. Nothing where it is kept already."""
     network, sets, protocol = NETWORKS[name_of(run)], sets_for(run), plan.protocol
     path = run.path(folder)
-    if path.exists() and found_in(path, path.with_suffix(".json"), protocol) is not None:
+    if path.exists() and found_in(path, path.with_suffix(".json"), protocol, sets) is not None:
         return 0.0
     if not network.futures:
         return 10.0

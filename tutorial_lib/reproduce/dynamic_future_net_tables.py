@@ -11,7 +11,7 @@ import numpy as np
 from ..view.tables import ErrorTable, error_table
 from . import results
 from .dynamic_future_net_plan import ACLSTM, ACTIONS, JOINT, LIMITED, NETWORKS, NO_FUTURE, NO_TEMPORAL, SHIPPED, VAE
-from .results import RESULTS, Result, numbers
+from .results import RESULTS, Result, number, numbers
 
 RESULT = RESULTS / "dynamic_future_net.json"
 SCHEMA = 1
@@ -72,7 +72,7 @@ def band_share(result: Result, run: dict[str, Any], action: str, own: bool = Fal
     """The band's mean at the last time against the data's: of all that the network learnt, or of the action alone."""
     fan = run["fan"]
     data = (fan["prefixes"][action]["own"] if own else fan)["data"][0]
-    return float(at_times(result, run, action, "band")[-1] / data)
+    return float(at_times(result, run, action, "band")[-1] / number(data))
 
 
 def failed(run: dict[str, Any]) -> tuple[int, int]:
@@ -116,8 +116,8 @@ def _diversity(result: Result) -> ErrorTable | None:
             pairwise = at_times(result, run, action)
             groups.setdefault(name, {})[action] = [
                 *pairwise, growth(result, run, action), at_times(result, run, action, "band")[-1],
-                entry["own"]["data"][0], run["fan"]["data"][0], 100 * entry["own"]["coverage"], 100 * entry["coverage"],
-                entry["seconds"],
+                entry["own"]["data"][0], run["fan"]["data"][0], 100 * number(entry["own"]["coverage"]),
+                100 * number(entry["coverage"]), entry["seconds"],
             ]  # fmt: skip
     if not groups:
         return None
@@ -133,7 +133,7 @@ def _data(result: Result) -> ErrorTable | None:
     for action, run in alone(result).items():
         own = run["data"][action]
         if own is not None:
-            share = own["band"][-1] / run["fan"]["data"][0]
+            share = number(own["band"][-1]) / number(run["fan"]["data"][0])
             rows[action] = [*own["pairwise"], own["band"][-1], 100 * share, 100 * band_share(result, run, action)]
     if not rows:
         return None
@@ -151,7 +151,7 @@ def _stability(result: Result) -> ErrorTable | None:
             action: [
                 str(entry["count"]), entry["stagnations"]["count"],
                 entry["lowest"], entry["foot_slide"]["generated"], entry["foot_slide"]["true"],
-                100 * entry["bone_drift"],
+                100 * number(entry["bone_drift"]),
             ]
             for action, entry in run["stability"].items()
         }  # fmt: skip
@@ -180,12 +180,12 @@ def _transitions(result: Result) -> ErrorTable | None:
         return None
     right = result["runs"][next(iter(runs_of(result, TOGETHER)))]["transitions"]
     caption = (f"Changes of action in motions of {right['frames']} frames; the classifier is right about "
-               f"{100 * right['accuracy']:.1f} % of the windows of clips kept out")  # fmt: skip
+               f"{100 * number(right['accuracy']):.1f} % of the windows of clips kept out")  # fmt: skip
     return error_table(heads, groups, caption=caption + note(result), best=None)
 
 
 def _copies(result: Result) -> ErrorTable | None:
-    rows = {NETWORKS[label].title: [100 * x for k in ("generated", "held_out") for x in run["copies"][k]]
+    rows = {NETWORKS[label].title: [100 * number(x) for k in ("generated", "held_out") for x in run["copies"][k]]
             for label, run in nets(result).items()}  # fmt: skip
     if not rows:
         return None
@@ -201,13 +201,13 @@ def _compared(result: Result, labels: Sequence[str], caption: str) -> ErrorTable
     rows = {}
     for run in runs_of(result, labels).values():
         each = np.mean([at_times(result, run, action) for action in run["fan"]["prefixes"]], axis=0)
-        covered = [entry["coverage"] for entry in run["fan"]["prefixes"].values()]
+        covered = numbers([entry["coverage"] for entry in run["fan"]["prefixes"].values()])
         count, samples = failed(run)
         slides = numbers([entry["foot_slide"]["generated"] for entry in run["stability"].values()])
         slide = np.nanmean(slides) if np.isfinite(slides).any() else None
         kinds = run["transitions"]["kinds"] if run["transitions"] else None
         rows[run["title"]] = [f"{run['train_seconds']:.0f}", *each, each[1] / each[0], 100 * np.mean(covered),
-                              f"{100 * count / samples:.0f}", slide, 100 * run["copies"]["generated"][1],
+                              f"{100 * count / samples:.0f}", slide, 100 * number(run["copies"]["generated"][1]),
                               None if kinds is None else str(kinds)]  # fmt: skip
     if not rows:
         return None

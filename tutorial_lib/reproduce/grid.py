@@ -18,7 +18,7 @@ from typing import Any
 from ..data.catalog import DATA
 from ..errors import CheckpointError, DataError, TutorialError
 from ..motion.clip import Motion
-from ..recipes import Recipe, differences, recipe_in, sets_of, trainer_for
+from ..recipes import Recipe, check_same_clips, differences, recipe_in, sets_of, trainer_for
 from ..threads import torch_threads
 from ..training.checkpoints import Checkpoint, read_header
 from ..training.trainer import Trainer, TrainingError
@@ -120,11 +120,15 @@ def _kept_clips(recipe: Recipe, folder: str | None) -> Clips:
 def train(run: Run, folder: str | os.PathLike, report: Report, sets: Clips | None = None) -> None:
     """Train what is left of a run; ``sets`` are its clips, by default :func:`clips_for` its recipe.
 
-    Raises :class:`Stopped`, with everything saved, on Ctrl-C or when ``report`` does.
+    Raises :class:`Stopped`, with everything saved, on Ctrl-C or when ``report`` does; :class:`CheckpointError` for a
+    run of other clips, also a finished one: measured on these it could have been trained on them.
     """
-    if run.steps_left(folder) == 0:
-        return
+    left = run.steps_left(folder)
     sets = clips_for(run.recipe) if sets is None else sets
+    if left == 0:
+        path = run.path(folder)
+        check_same_clips(path, run.recipe, read_header(path)["provenance"], sets)
+        return
     trainer = trainer_for(run.recipe, run.path(folder), save_seconds=SAVE_SECONDS, sets=sets,
                           command="python -m tutorial_lib reproduce")  # fmt: skip
 

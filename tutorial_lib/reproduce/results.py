@@ -86,6 +86,33 @@ def numbers(values: Any) -> np.ndarray:
     return np.array(values, dtype=float)
 
 
+def seeds_note(counts: Iterable[int]) -> str:
+    """How many training seeds a table is the mean of, to follow its caption; counts: runs of each row, as far as there
+    are any. Nothing where no row has two."""
+    counts = sorted(filter(None, counts))
+    if not counts or counts[-1] < 2:
+        return ""
+    return f", mean of {f'{counts[0]} to ' if counts[0] < counts[-1] else ''}{counts[-1]} training seeds"
+
+
+def number(value: float | None) -> float:
+    """A number of a result; NaN for None."""
+    return math.nan if value is None else float(value)
+
+
+def mean_of(values: Iterable[float | None]) -> float:
+    """The mean of those that are finite, such as the slides of clips in which a foot touches the ground; NaN for
+    none."""
+    each = numbers(list(values))
+    each = each[np.isfinite(each)]
+    return float(each.mean()) if len(each) else math.nan
+
+
+def large(values: Any) -> np.ndarray:
+    """Errors to be compared: what is not finite is as wrong as can be."""
+    return np.nan_to_num(numbers(values), nan=np.inf, posinf=np.inf)
+
+
 # --- findings -------------------------------------------------------------------------------------
 
 

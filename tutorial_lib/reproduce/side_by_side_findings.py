@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
-from .results import Finding, Result, numbers
+from .results import Finding, Result, large, number, numbers
 from .side_by_side_plan import DFN, SYSTEMS, VAE
 from .side_by_side_tables import error, failed, off_path, runs_of, value
 
@@ -25,7 +23,7 @@ def _acrnn(result: Result) -> list[Finding]:
     if found[0] is None:
         mine, other = ([error(result, label, ms) for ms in late] for label in ("aclstm", "lstm"))
         said = ", ".join(f"{a:.1f} and {b:.1f}" for a, b in zip(mine, other, strict=True))
-        found = [Finding(claim, all(a < b for a, b in zip(mine, other, strict=True)), f"{said} cm")]
+        found = [Finding(claim, bool((large(mine) < large(other)).all()), f"{said} cm")]
     claim = "acRNN, figure 7: of these acLSTM fails least often"
     others = ("lstm", "erd", "seq2seq", "scheduled-sampling")
     missing = _missing(result, claim, "aclstm", *others)
@@ -48,10 +46,10 @@ def _vae_lstm(result: Result) -> list[Finding]:
     found = []
     for claim, ms, choose in ((claims[0], 80, max), (claims[1], 640, min)):
         errors = {label: error(result, label, ms) for label in (*predictors, VAE)}
-        finite = {label: e if math.isfinite(e) else math.inf for label, e in errors.items()}
-        found.append(Finding(claim, choose(finite, key=finite.get) == VAE, _listed(_cm(errors))))
+        first = choose(errors, key=lambda label: large(errors[label]))
+        found.append(Finding(claim, first == VAE, _listed(_cm(errors))))
     walks = [path for run in runs_of(result, VAE) for path in run["paths"].values()]
-    off, steps = off_path(result, VAE) or math.nan, numbers([path["before"]["step_length"] for path in walks])
+    off, steps = number(off_path(result, VAE)), numbers([path["before"]["step_length"] for path in walks])
     said = f"{100 * off:.1f} cm off on average, steps of {', '.join(f'{100 * step:.0f}' for step in steps)} cm"
     found.append(Finding(claims[2], bool(off < 0.1 and (steps > 0.5).all()), said))
     return found
@@ -81,7 +79,8 @@ def _representation(result: Result) -> list[Finding]:
     if missing is not None:
         return [missing]
     errors = {label: error(result, label, 640) for pair in pairs for label in pair}
-    return [Finding(claim, all(errors[hip] < 0.5 * errors[own] for own, hip in pairs), _listed(_cm(errors)))]
+    holds = all(large(errors[hip]) < 0.5 * large(errors[own]) for own, hip in pairs)
+    return [Finding(claim, holds, _listed(_cm(errors)))]
 
 
 def _nobody(result: Result) -> list[Finding]:
@@ -90,7 +89,7 @@ def _nobody(result: Result) -> list[Finding]:
     labels = [label for label in SYSTEMS if runs_of(result, label)]
     if len(labels) < len(SYSTEMS):
         return [Finding(claim, None, "not measured")]
-    first = sorted(labels, key=lambda label: error(result, label, 80))[:3]
+    first = sorted(labels, key=lambda label: large(error(result, label, 80)))[:3]
     whole = [label for label in first if failed(result, label) == 0 and SYSTEMS[label].chance]
     return [Finding(claim, not whole, "least error: " + _listed({label: f"{error(result, label, 80):.1f} cm, "
             f"{100 * failed(result, label):.0f} % fail" for label in first}))]  # fmt: skip

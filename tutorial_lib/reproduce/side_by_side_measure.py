@@ -23,7 +23,7 @@ from ..threads import torch_threads
 from ..training.checkpoints import Checkpoint, load_checkpoint
 from .failures import Truth, failures
 from .grid import Clips, Report, Run, clips_for, train, trained_with
-from .results import rounded
+from .results import mean_of, rounded
 from .side_by_side_plan import SYSTEMS, Protocol, name_of
 from .side_by_side_rollouts import control_for, follows_control, go_on, windows_of
 
@@ -224,7 +224,7 @@ def split_of(
         "truth": truth.to_dict(),
         "true": {
             "speed": float(np.mean([root_speed(clip.positions[None], fps) for clip in clips])),
-            **{name: float(np.mean([each[name] for each in flaws])) for name in flaws[0]},
+            **{name: mean_of(each[name] for each in flaws) for name in flaws[0]},
         },
         "references": {
             "last pose held": errors_of(np.broadcast_to(last, true.shape), true, fps),

@@ -10,7 +10,7 @@ from typing import Any
 from ..errors import DataError
 from ..pretrained.publish import rounded
 from ..training.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
-from .side_by_side_plan import SYSTEMS, Plan
+from .side_by_side_plan import SYSTEMS, Plan, name_of
 from .side_by_side_tables import RESULT
 
 NETWORKS = RESULT.with_suffix("")  # the folder of those that come with the library
@@ -23,10 +23,10 @@ def write_networks(result: Mapping[str, Any], plan: Plan, runs: pathlib.Path, fo
     """
     folder, count = pathlib.Path(folder), 0
     for run in plan.runs():
-        if run.name in result["runs"] and run.name in SYSTEMS:
+        if run.name in result["runs"] and run.recipe.seed == plan.seeds[0]:
             network = rounded(load_checkpoint(run.path(runs)))
             save_checkpoint(
-                folder / f"{run.name}.safetensors",
+                folder / f"{name_of(run)}.safetensors",
                 system=network.system,
                 model=network.model,
                 representation=network.representation,

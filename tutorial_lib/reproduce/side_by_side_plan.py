@@ -93,6 +93,7 @@ class Plan:
 
     def __post_init__(self):
         check_each_once(seeds=self.seeds)
+        object.__setattr__(self, "seeds", tuple(sorted(self.seeds)))  # the lowest first, as readers take it
         check_pooled(self.budget.length)
 
     @property

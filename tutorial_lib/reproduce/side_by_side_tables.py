@@ -12,7 +12,7 @@ import numpy as np
 from ..view.tables import ErrorTable, error_table
 from . import results
 from .failures import RULES
-from .results import RESULTS, Result, numbers
+from .results import RESULTS, Result, mean_of, numbers, seeds_note
 from .side_by_side_measure import FUTURE_TIMES
 from .side_by_side_plan import SYSTEMS
 
@@ -73,7 +73,8 @@ def off_path(result: Result, label: str, moved: str = "mean") -> float | None:
     moved: by the control that it was told ("mean"), or by the one that it puts out itself ("predicted").
     """
     found = [run["paths"] for run in runs_of(result, label) if run["paths"]]
-    return float(np.mean([p["deviation"][moved] for paths in found for p in paths.values()])) if found else None
+    each = numbers([p["deviation"][moved] for paths in found for p in paths.values()])
+    return float(np.mean(each)) if found else None
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -112,9 +113,8 @@ def tables(result: Result) -> dict[str, ErrorTable]:
 
 def _note(result: Result) -> str:
     budget = result["budget"]
-    seeds = len(budget["training_seeds"])
     note = f"; {budget['hidden']} cells a layer"
-    note += f", mean of {seeds} training seeds" if seeds > 1 else ""
+    note += seeds_note(len(runs_of(result, label)) for label in SYSTEMS)
     note += "; SAMPLE MOTIONS, not captured" if result["data"] == "samples" else ""
     return note + ("; QUICK TRIAL, nothing is learnt" if result["quick"] else "")
 
@@ -132,7 +132,7 @@ def _reference(result: Result, name: str, kind: str = "error") -> np.ndarray:
 
 
 def _true(result: Result, key: str) -> float:
-    return float(np.mean([split["true"][key] for split in result["splits"].values()]))
+    return mean_of(split["true"][key] for split in result["splits"].values())
 
 
 def _side_by_side(result: Result, data: str, note: str) -> ErrorTable:

@@ -11,7 +11,7 @@ import numpy as np
 from ..view.tables import ErrorTable, error_table
 from . import results
 from .published import VAE_LSTM_TABLE_1, VAE_LSTM_TABLE_2
-from .results import RESULTS, Result, numbers
+from .results import RESULTS, Result, mean_of, numbers, seeds_note
 from .vae_lstm_measure import GIVEN, GIVEN_LONG, HELD, PER_STEP, POSTERIOR, PREDICTED, PRIOR
 from .vae_lstm_plan import BASELINES, SYSTEMS, VAE
 
@@ -106,9 +106,8 @@ def tables(result: Result) -> dict[str, ErrorTable]:
 
 
 def _note(result: Result) -> str:
-    seeds = len(result["budget"]["training_seeds"])
     note = f"; frames at 60 a second; {result['budget']['steps']} steps"
-    note += f", mean of {seeds} training seeds" if seeds > 1 else ""
+    note += seeds_note(len(runs_of(result, label)) for label in SYSTEMS)
     note += "; SAMPLE MOTIONS, not captured" if result["data"] == "samples" else ""
     return note + ("; QUICK TRIAL, nothing is learnt" if result["quick"] else "")
 
@@ -217,7 +216,7 @@ def _feet(result: Result, paths: list[str]) -> ErrorTable:
         ]
         for name, keys in places.items()
     }  # fmt: skip
-    skates = {"true motion": np.mean([split["foot_skate"] for split in result["splits"].values()])}
+    skates = {"true motion": mean_of(split["foot_skate"] for split in result["splits"].values())}
     for label, way in dict.fromkeys((*ROWS_1.values(), *ROWS_2.values())):
         found = [run["ways"][way]["foot_skate"] for run in runs_of(result, label)]
         if found:

@@ -45,7 +45,7 @@ class Cell:
 
     curve: np.ndarray
     motion: Motion | None = None
-    notes: Mapping[str, float | str] = field(default_factory=dict)
+    notes: Mapping[str, float | str | None] = field(default_factory=dict)
     seed_frames: int = 0
 
 
@@ -201,8 +201,10 @@ def pair_name(u: int, v: int) -> str:
     return f"u = {u}, v = {v}" if v else "teacher forcing"
 
 
-def note(value: float | str) -> str:
-    """A note as it is written: numbers to three digits."""
+def note(value: float | str | None) -> str:
+    """A note as it is written: numbers to three digits, a dash for one that is not finite or None."""
+    if value is None or (not isinstance(value, str) and not math.isfinite(value)):
+        return "–"
     return value if isinstance(value, str) else f"{value}" if isinstance(value, int) else f"{float(value):.3g}"
 
 
