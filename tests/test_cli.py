@@ -471,10 +471,10 @@ def test_benchmark_compares_the_same_computation():
 @pytest.mark.parametrize("pair", [(1, 1), (2, 3), (9, 1)])
 def test_benchmark_counts_no_product_more_than_once(pair):
     """Multiplications of a step: forward, as many for the gradients of what is read, and again for the weights'."""
-    B, D, H, L, fed = 3, 4, 6, 2, auto_conditioning(9, *pair).tolist()
-    found = sum(m * k * n for m, k, n in rollout_benchmark.training_products(H, L, D, B, fed))
+    B, D, H, L, schedule = 3, 4, 6, 2, auto_conditioning(9, *pair)
+    found = sum(m * k * n for m, k, n in rollout_benchmark.training_products(H, L, D, B, schedule))
     frame = 4 * H * (D + H + (L - 1) * 2 * H) + H * D
-    assert found == B * (3 * 9 * frame - sum(fed) * 4 * H * D)  # of the truth nothing wants a gradient
+    assert found == B * (3 * 9 * frame - int(schedule.sum()) * 4 * H * D)  # of the truth nothing wants a gradient
 
 
 # --- what a user can get wrong --------------------------------------------------------------------

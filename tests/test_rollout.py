@@ -170,10 +170,10 @@ def test_gradcheck():
 
 
 def test_runs_start_where_an_own_output_is_read():
-    assert engine._runs(auto_conditioning(12, 3, 2)[None]) == [(0, 3), (3, 4), (4, 8), (8, 9), (9, 12)]
-    assert engine._runs(teacher_forcing(7)[None]) == [(0, 7)]
+    assert engine.runs(auto_conditioning(12, 3, 2)[None]) == [(0, 3), (3, 4), (4, 8), (8, 9), (9, 12)]
+    assert engine.runs(teacher_forcing(7)[None]) == [(0, 7)]
     two = torch.tensor([[True, True, True, False], [True, False, True, True]])
-    assert engine._runs(two) == [(0, 1), (1, 3), (3, 4)]
+    assert engine.runs(two) == [(0, 1), (1, 3), (3, 4)]
 
 
 def test_frames_that_are_not_fed_do_not_matter():

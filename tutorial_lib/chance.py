@@ -20,6 +20,12 @@ def is_real(value: object) -> bool:
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
+def check_whole(what: str, value: object, least: int = 1) -> None:
+    """``TutorialError`` unless ``value`` is a whole number of ``least`` or more."""
+    if not is_whole(value) or value < least:
+        raise TutorialError(f"{what} must be a whole number of {least} or more, not {value!r}")
+
+
 def whole_seed(seed: object) -> int:
     """``seed`` as Python's own number, which torch and numpy both take; ``TutorialError`` if it is none."""
     try:

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from .chance import is_whole, seeded, whole_seed
+from .chance import check_whole, is_whole, seeded, whole_seed
 from .errors import CheckpointError, DataError, TutorialError
 from .models.dynamic_future_net import DynamicFutureNet
 from .models.future_stream import FutureStream
@@ -114,8 +114,7 @@ def synthesize(
     (B, n_frames, D), without the seed.
     """
     _check_seed(seed)
-    if not is_whole(n_frames) or n_frames < 0:
-        raise TutorialError(f"the number of frames to generate must be a whole number of 0 or more, not {n_frames!r}")
+    check_whole("the number of frames to generate", n_frames, 0)
     if given is not None and given.frames < n_frames:
         raise TutorialError(f"{n_frames} frames to generate, the given channels have {given.frames}")
     batch, _, dim = seed.shape
@@ -369,8 +368,7 @@ def generate_each(
     each becomes a :class:`Motion`, twice as large, only when its turn comes."""
     check_predicts(checkpoint)
     representation = representation_of(checkpoint)
-    if not is_whole(n_frames) or n_frames < 1:
-        raise TutorialError(f"the number of frames to generate must be a whole number of 1 or more, not {n_frames!r}")
+    check_whole("the number of frames to generate", n_frames)
     features = choose_seeds(checkpoint, seeds, count=count, seed=seed, frames=seed_frames)
     made = generate_features(checkpoint, features, n_frames, noise=noise, seed=seed, progress=progress)
     for k, rest in enumerate(made):

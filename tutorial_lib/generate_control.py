@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .chance import is_whole, seeded
+from .chance import check_whole, seeded
 from .data.windows import Normalizer
 from .errors import CheckpointError, MotionError, TutorialError
 from .generate import prepare_for, representation_of
@@ -142,8 +142,7 @@ def synthesize_control(model: VAELSTM, control: Tensor, code: Tensor, *, chunk: 
     code : (B, H) from :func:`prior_code` or :func:`posterior_code`; or (B, S, H), one a step, S = T / 4 rounded up.
     chunk : frames computed at once; the memory needed grows with it, the frames do not depend on it.
     """
-    if not is_whole(chunk) or chunk < 1:
-        raise TutorialError(f"the frames computed at once, chunk, must be a whole number of 1 or more, not {chunk!r}")
+    check_whole("the frames computed at once, chunk,", chunk)
     stream = ControlStream(model, code)
     parts = [stream.feed(control[:, k : k + chunk]) for k in range(0, control.shape[1], chunk)]
     return torch.cat((*parts, stream.finish()), 1)
@@ -193,8 +192,8 @@ def generate_from_control(
     if integrate not in INTEGRATE:
         raise TutorialError(f"unknown integrate {integrate!r}: expected one of {', '.join(INTEGRATE)}")
     control = check_control(checkpoint, control, fps=fps)
-    if count is not None and not (is_whole(count) and count >= 1):
-        raise TutorialError(f"the number of motions to generate must be a whole number of 1 or more, not {count!r}")
+    if count is not None:
+        check_whole("the number of motions to generate", count)
     if control.ndim == 3 and count not in (None, len(control)):
         raise MotionError(f"{len(control)} controls for {count} motions: expected one for each, or one for all")
     if control.ndim == 2:

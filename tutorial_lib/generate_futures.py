@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .chance import is_whole, seeded
+from .chance import check_whole, seeded
 from .errors import CheckpointError, MotionError, TutorialError
 from .generate import prepare_for
 from .models.dynamic_future_net import DynamicFutureNet
@@ -107,8 +107,7 @@ def generate_futures(
     other numbers that cannot be.
     """
     network = network_of(checkpoint)
-    if not is_whole(n_frames) or n_frames < 1:
-        raise TutorialError(f"the number of frames to generate must be a whole number of 1 or more, not {n_frames!r}")
+    check_whole("the number of frames to generate", n_frames)
     if isinstance(prefix, (np.ndarray, Tensor)):
         prefixes = torch.as_tensor(prefix, dtype=torch.float32)
     else:

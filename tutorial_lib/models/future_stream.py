@@ -13,7 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..chance import is_real, is_whole
+from ..chance import check_whole, is_real, is_whole
 from ..errors import MotionError, TutorialError
 from .dynamic_future_net import DynamicFutureNet
 from .stochastic_latent import Gaussian, State
@@ -71,8 +71,7 @@ class FutureStream:
         self, model: DynamicFutureNet, count: int, *, temperature: float = 1.0,
         generator: torch.Generator | None = None, imposed: ImposedFuture | None = None,
     ):  # fmt: skip
-        if not is_whole(count) or count < 1:
-            raise TutorialError(f"the number of motions must be a whole number of 1 or more, not {count!r}")
+        check_whole("the number of motions", count)
         if not is_real(temperature) or not 0 <= temperature < 1e6:
             raise TutorialError(f"the temperature must be a number of 0 or more, not {temperature!r}")
         model.eval()
@@ -140,8 +139,7 @@ class FutureStream:
     @torch.no_grad()
     def take(self, n: int) -> Imagined:
         """The next ``n`` frames, 1 or more."""
-        if not is_whole(n) or n < 1:
-            raise TutorialError(f"the number of frames must be a whole number of 1 or more, not {n!r}")
+        check_whole("the number of frames", n)
         dynamics, frames = self.model.dynamics, []
         for _ in range(n):
             h = self.past

@@ -121,7 +121,7 @@ def _check_schedule(schedule: Tensor | np.ndarray | Sequence[bool], batch: int, 
     return truth.expand(batch, frames)
 
 
-def _runs(truth: Tensor) -> list[tuple[int, int]]:
+def runs(truth: Tensor) -> list[tuple[int, int]]:
     """Stretches [a, b) of frames of which only the first may read an own output; ``truth`` is (B, T)."""
     starts = [0, *(~truth.all(dim=0)).nonzero()[:, 0].tolist()]
     return list(zip(starts, [*starts[1:], truth.shape[1]], strict=True))
@@ -365,7 +365,7 @@ def _forward(
     all_own = _all_own(truth)
     minus_one = x.new_tensor(-1.0)
 
-    for a, b in _runs(truth):
+    for a, b in runs(truth):
         if a in all_own:
             torch.mm(space.read_out[a - 1], space.columns_out, out=space.x[a])
         elif a > 0:
@@ -421,7 +421,7 @@ class _Rollout(torch.autograd.Function):
 
         own = ~truth.t()[..., None].to(dy.device)  # (T, B, 1)
         all_own = _all_own(truth)
-        for a, b in reversed(_runs(truth)):
+        for a, b in reversed(runs(truth)):
             for k in reversed(range(L)):
                 w, dck = space.w[k], dc[k]
                 alone, inner = b - a == 1, layout.inner[k]

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from ..models.recurrent import LSTM3LR
 from ..threads import torch_threads
 from .conditioning import auto_conditioning
-from .rollout import LSTMStream, rollout
+from .rollout import LSTMStream, rollout, runs
 from .systems import global_seed, make_system
 
 
@@ -84,26 +84,25 @@ class Timing:
 Product = tuple[int, int, int]
 
 
-def training_products(hidden: int, layers: int, dim: int, batch: int, fed: Sequence[bool]) -> list[Product]:
+def training_products(hidden: int, layers: int, dim: int, batch: int, schedule: Tensor) -> list[Product]:
     """Rows, terms and columns of each matrix product that a training step cannot do without.
 
     Frames of truth have their input products taken together, and so have those of the readout of frames up to the
     next that must be known; weights have one product for all frames. What the truth is fed from has no gradient.
     """
     gates, found = 4 * hidden, []
-    starts = [0, *(t for t, truth in enumerate(fed) if not truth)]
-    for a, b in zip(starts, [*starts[1:], len(fed)], strict=True):
+    for a, b in runs(schedule[None]):
         rows = (b - a) * batch
         for k in range(layers):
             below = hidden if k else dim
-            back = below if k or not fed[a] else 0  # columns that a gradient is wanted of
+            back = below if k or not schedule[a] else 0  # columns that a gradient is wanted of
             if b - a == 1:
                 found += [(batch, below + hidden, gates), (batch, gates, back + hidden)]
             else:
                 found += [(rows, below, gates), (rows if k else batch, gates, back)]
                 found += [(batch, hidden, gates), (batch, gates, hidden)] * (b - a)
         found += [(rows, hidden, dim), (rows, dim, hidden)]
-    frames = len(fed) * batch
+    frames = len(schedule) * batch
     found += [(gates, frames, (hidden if k else dim) + hidden) for k in range(layers)] + [(dim, frames, hidden)]
     return [product for product in found if 0 not in product]
 
@@ -146,7 +145,7 @@ def time_training(
     return _by_turns(
         training_step(loop, lambda: loop(x, fed)),
         training_step(model, lambda: rollout(model, x, schedule, fast=True)[0]),
-        _multiply(training_products(hidden, layers, dim, batch, fed)),
+        _multiply(training_products(hidden, layers, dim, batch, schedule)),
         repeats,
     )
 

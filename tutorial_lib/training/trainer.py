@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor, nn
 
-from ..chance import is_whole, seeded, whole_seed
+from ..chance import check_whole, seeded, whole_seed
 from ..errors import CheckpointError, TutorialError
 from .checkpoints import load_state, provenance, save_checkpoint
 from .parallel import workers
@@ -59,8 +59,7 @@ class TrainingConfig:
     seed: int = 0  # of whatever the loss draws; weights and batches have their own
 
     def __post_init__(self):
-        if not is_whole(self.steps) or self.steps < 1:
-            raise TutorialError(f"steps must be a whole number of 1 or more, not {self.steps!r}")
+        check_whole("steps", self.steps)
         # plain numbers, for the header of a checkpoint
         object.__setattr__(self, "steps", int(self.steps))
         object.__setattr__(self, "seed", whole_seed(self.seed))

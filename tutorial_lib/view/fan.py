@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..chance import is_whole
+from ..chance import is_real, is_whole
 from ..errors import MotionError, TutorialError
 from ..motion.clip import Motion
 from .body import describe, facing
@@ -241,8 +241,7 @@ def _whole(name: str, value: Any, least: int, most: int | None = None) -> int:
 
 
 def _number(name: str, value: Any, least: float, most: float) -> float:
-    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not number or not least <= value <= most:  # NaN is not, either
+    if not is_real(value) or not least <= value <= most:  # NaN is not, either
         raise TutorialError(f"fan: {name} {value!r}, expected a number from {least:g} to {most:g}")
     return float(value)
 

@@ -114,7 +114,7 @@ def film_strip_png(
 ) -> bytes:
     """A small ``pose_strip`` (720 pixels wide) as a PNG file's bytes, of the first ``rows`` motions."""
     count = min(len(motions), rows)
-    seeds = [seed_frames] * len(motions) if isinstance(seed_frames, (int, np.integer)) else list(seed_frames)
+    seeds = as_seed_frames(seed_frames, len(motions))
     names = list(labels or [m.name for m in motions])[:count] if len(motions) > 1 else None
     if names and len(motions) > count:
         names[-1] += f"   (and {len(motions) - count} more)"
