@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tutorial_lib import cli
+from tutorial_lib import cli, data
 from tutorial_lib.data.windows import evaluation_windows
 from tutorial_lib.errors import CheckpointError, DataError, TutorialError
 from tutorial_lib.generate import prepare_for
 from tutorial_lib.generate_futures import generate_futures
+from tutorial_lib.motion.mirror import mirrored
+from tutorial_lib.motion.retarget import to_common
 from tutorial_lib.recipes import Recipe
+from tutorial_lib.representations import BodyFrame
 from tutorial_lib.reproduce import dynamic_future_net as dfn
+from tutorial_lib.reproduce import dynamic_future_net_measure
 from tutorial_lib.reproduce.dynamic_future_net_fan import data_fan, joints_of
+from tutorial_lib.reproduce.dynamic_future_net_measure import copies, stability
 from tutorial_lib.reproduce.dynamic_future_net_plan import (
     ACLSTM,
     ACTIONS,
@@ -127,6 +134,9 @@ def test_the_fan_is_what_the_network_makes(made):
     assert band_share(result, run, "dancing") == pytest.approx(mean[31] / run["fan"]["data"][0], rel=1e-3)
     apart = [np.linalg.norm(a - b) for k, a in enumerate(poses[:, 31]) for b in poses[:k, 31]]
     assert at_times(result, run, "dancing")[1] == pytest.approx(np.mean(apart), rel=1e-3)
+    world = np.stack([m.positions[20:] for m in futures])  # (16, 32, 21, 3): the same twenty frames in one place
+    apart = [[np.linalg.norm(a - b) for k, a in enumerate(world[:, t]) for b in world[:k, t]] for t in (7, 31)]
+    assert run["fan"]["prefixes"]["dancing"]["world"] == pytest.approx(np.mean(apart, axis=1), rel=1e-3)
     latent = result["runs"][JOINT]["fan"]["prefixes"]["walking"]["latent"]
     assert {len(points) for time in latent["z"].values() for points in [time]} == {protocol.points}
     assert run["fan"]["prefixes"]["dancing"].get("latent") is None, "only figures need it"
@@ -157,8 +167,8 @@ def test_called_again_it_trains_nothing_and_finds_the_same(made, capsys):
                          tell=told.append)  # fmt: skip
     ((train, test),) = kept["clips"]
     assert train == read_header(folder / "dancing.safetensors")["provenance"]["clips"] and not set(test) & set(train)
-    older = {key: value for key, value in kept.items() if key != "clips"}
-    for stale in ({**kept, "clips": [[train, ["another"]]]}, older):
+    older = [{key: value for key, value in kept.items() if key != gone} for gone in ("clips", "measures")]
+    for stale in ({**kept, "clips": [[train, ["another"]]]}, *older):
         (folder / "dancing.json").write_text(json.dumps({**stale, "entry": {"of": "other clips"}}))
         other = dfn.reproduce("samples", runs=folder, jobs=1, quick=True, networks=("dancing",), train_missing=False,
                               tell=told.append)  # fmt: skip
@@ -186,6 +196,11 @@ def test_the_clips_themselves_are_followed():
         def encode(self, clip):
             return clip.frames
 
+        def decode_positions(self, features):
+            """The body goes ahead by a tenth of its height every frame."""
+            ahead = np.arange(features.shape[-2])[:, None] * features[..., 1:2] / 10
+            return np.concatenate([features[..., :2], features[..., 2:] + ahead], -1)[..., None, :]
+
     t = np.arange(240)[:, None] / 20 * 2 * np.pi
     cycle = np.concatenate([np.sin(t), np.cos(t), 0 * t], 1).astype(np.float32)
     protocol = Protocol(prefix=20, fan_frames=40, at=(8, 40), similar=3)
@@ -195,7 +210,45 @@ def test_the_clips_themselves_are_followed():
     other[120:] *= -1.0
     parted = data_fan(Plain(), [Clip(cycle), Clip(other)], protocol)
     assert parted["pairwise"][1] > 20 * same["pairwise"][1] + 0.02
+    assert max(same["world"]) < 5e-3 and parted["world"][1] > 2 * parted["pairwise"][1], "places count in the world"
     assert data_fan(Plain(), [Clip(cycle[:50])], protocol) is None, "too short to be followed"
+
+
+def as_trained(representation, **training):
+    """What the measures ask of a checkpoint."""
+    return SimpleNamespace(system="dynamic-future-net", representation=representation, training=training)
+
+
+def test_of_windows_kept_out_each_action_counts_the_same():
+    """However long its clips are: three quarters of the windows here are of boxing, half of the median is walking's."""
+    walks, boxes = ([to_common(clip) for clip in data.load(f"samples/{name}")] for name in ("walking", "boxing"))
+    representation = BodyFrame(walks[0].skeleton, walks[0].fps)
+    protocol = dataclasses.replace(QUICK["protocol"], window=30)
+    encode, shown = representation.encode, walks[:1]
+    found = {}
+    for names in (("walking",), ("boxing",), ("walking", "boxing")):
+        kept_out = {"walking": [walks[1][:150]], "boxing": boxes[1:3]}
+        found[names] = copies(as_trained(representation), {"walking": shown}, {n: kept_out[n] for n in names},
+                              encode(walks[2])[None], protocol)  # fmt: skip
+    walking, boxing = (found[(name,)]["held_out"] for name in ("walking", "boxing"))
+    assert walking[2] < boxing[0], "windows of the one are all nearer than those of the other"
+    both = found["walking", "boxing"]
+    assert both["held_out"][0] == pytest.approx(walking[1], rel=1e-2)
+    assert both["held_out"][2] == pytest.approx(boxing[1], rel=1e-2)
+    assert both["generated"] == found[("walking",)]["generated"]
+
+
+def test_a_mirror_image_that_a_network_was_shown_is_no_failure(monkeypatch):
+    """Boxers with the other hand in front are out of the range of the clips, and not of what the network has seen."""
+    boxes = [to_common(clip) for clip in data.load("samples/boxing")]
+    representation = BodyFrame(boxes[0].skeleton, boxes[0].fps)
+    changed = np.stack([representation.encode(mirrored(boxes[k])[:300]) for k in (3, 4)])
+    monkeypatch.setattr(dynamic_future_net_measure, "generate_features", lambda *_: changed)
+    protocol = dataclasses.replace(QUICK["protocol"], stable=2)
+    sets = {"boxing": boxes[:3]}, {"boxing": boxes[3:]}
+    for mirror, fail in ((False, 2), (True, 0)):
+        found, _ = stability(as_trained(representation, mirror=mirror), *sets, protocol)
+        assert found["boxing"]["count"] == fail, found["boxing"]["first"]
 
 
 # --- what is said of it ---------------------------------------------------------------------------
@@ -210,11 +263,14 @@ def test_tables_and_findings_follow_the_numbers(made):
     assert changes.ours is False
     better = copy.deepcopy(result)
     better["runs"][JOINT]["transitions"].update(kinds=5)
-    for entry in better["runs"]["dancing"]["stability"].values():
-        entry["count"] = 0
+    for what in ("stability", "stability_short"):
+        for entry in better["runs"]["dancing"][what].values():
+            entry["count"] = 0
+    better["runs"]["dancing"]["copies"].update(generated=[0.2] * 3, held_out=[0.1] * 3)
     fan = better["runs"]["dancing"]["fan"]
     entry = fan["prefixes"]["dancing"]
     entry["pairwise"] = np.linspace(0.1, 1.0, len(entry["pairwise"])).tolist()
+    entry["world"] = [1.0, 2.1]
     entry["band"][0] = np.linspace(0.1, fan["data"][0], len(entry["band"][0])).tolist()
     said = {f.claim: f.ours for f in dfn.findings(better)}
     for claim, ours in said.items():
@@ -234,6 +290,7 @@ def test_what_is_not_finite_is_a_gap_and_no_finding(made):
         run = broken["runs"][label]
         for action, entry in run["fan"]["prefixes"].items():
             entry["pairwise"] = [None] * len(entry["pairwise"])
+            entry["world"] = [None, None]
             entry["band"][0] = [None] * len(entry["band"][0])
             entry["coverage"] = entry["own"]["coverage"] = entry["own"]["data"][0] = entry["seconds"] = None
             if run["data"].get(action) is not None:
@@ -249,7 +306,25 @@ def test_what_is_not_finite_is_a_gap_and_no_finding(made):
     held = {f.claim: f.ours for f in dfn.findings(broken)}
     for claim in ("Bones keep their length to 1e-4", "4096 motions of 128 frames in 60 s"):
         assert held[claim] is False, claim
-    assert not any(ours for claim, ours in held.items() if claim.startswith(("Nothing is copied", "Figure 9", "Nor")))
+    beginnings = (
+        "Nothing is copied",
+        "Figure 9's",
+        "The band",
+        "Nor",
+        "Section 6.3: div",
+        "Futures",
+        "The same of their poses",
+    )
+    assert not any(ours for claim, ours in held.items() if claim.startswith(beginnings))
+
+
+def test_a_result_from_before_the_world_was_measured_is_read(made):
+    older = copy.deepcopy(made[2])
+    for run in (run for run in older["runs"].values() if "frames" in run["fan"]):
+        for entry in (*run["fan"]["prefixes"].values(), *filter(None, run["data"].values())):
+            del entry["world"]
+    assert set(dfn.tables(made[2])) - set(dfn.tables(older)) == {"world"}
+    assert {f.ours for f in dfn.findings(older) if "in the world" in f.claim} == {None}
 
 
 def test_growth_counts_from_the_fork_or_from_the_beginning():

@@ -81,7 +81,10 @@ class VAELSTMConfig:
 
 
 class Encoder(nn.Module):
-    """Two blocks of convolution over time, ELU and max-pooling: frames to steps (section 3.2, figure 2)."""
+    """Two blocks of convolution over time, ELU and max-pooling: frames to steps (section 3.2, equation 6, figure 2).
+
+    ``last_activation=False`` leaves out the ELU of the second, for an output that is to have any sign and size.
+    """
 
     def __init__(self, inputs: int, outputs: int, config: VAELSTMConfig, *, last_activation: bool = True):
         super().__init__()
@@ -218,6 +221,7 @@ class VAELSTM(nn.Module):
         self.config = config
         H, C = config.hidden, config.n_control
         self.control_encoder = Encoder(C, H, config)
+        # without (6)'s last ELU: mean and log-variance would not get below -1
         self.inference = Encoder(config.dim - C, 2 * H, config, last_activation=False)
         self.cell = ModifiedCell(H) if config.cell == "modified" else nn.LSTM(2 * H, H, batch_first=True)
         self.decoder = Decoder(config)

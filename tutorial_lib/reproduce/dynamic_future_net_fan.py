@@ -33,6 +33,13 @@ def joints_of(representation: Representation, features: np.ndarray) -> np.ndarra
     return features[..., representation.slices["joints"]]
 
 
+def world_of(representation: Representation, features: np.ndarray) -> np.ndarray:
+    """The same joints ``(..., T, 3 J)`` in the world: before the first frame all stand in one place and face one way,
+    and where they go and turn to from there is in it."""
+    before = np.concatenate((features[..., :1, :], features), -2)  # no step leads to the first frame of a motion
+    return representation.decode_positions(before)[..., 1:, :, :].reshape(*features.shape[:-1], -1)
+
+
 def encoded(representation: Representation, clips: Sequence[Motion]) -> list[np.ndarray]:
     """Features (T, D) of each clip."""
     return [representation.encode(clip) for clip in clips]
@@ -51,8 +58,9 @@ def fan(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol:
     """Thousands of futures of one prefix of each action: section 6.3, figures 8 and 9.
 
     For each prefix ``pairwise`` distance and ``band`` (mean, deviation) every :data:`CURVE` frames, the data's band of
-    all that the network has learnt and of that action alone, the share of their areas that is covered, and the seconds
-    that it took. Where figures are wanted also some of the latent z and s at two times, in their two main directions.
+    all that the network has learnt and of that action alone, the share of their areas that is covered, the pairwise
+    distance in the ``world`` at ``protocol.at``, and the seconds that it took. Where figures are wanted also some of
+    the latent z and s at two times, in their two main directions.
     """
     representation = checkpoint.representation
     poses = {action: _some(np.concatenate([joints_of(representation, x) for x in encoded(representation, clips)]),
@@ -68,13 +76,15 @@ def fan(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol:
             checkpoint, protocol.fan_frames, prefix=prefix, count=protocol.fan if network.many else protocol.pairs
         )
         seconds = time.process_time() - start
-        features = joints_of(representation, made.features(slice(CURVE - 1, None, CURVE)))  # (K, n, P)
+        features = made.features()
+        curve = joints_of(representation, features[:, CURVE - 1 :: CURVE])  # (K, n, P)
         own = mean_distance_band(poses[action][:, None])
         entry = {
             "motions": len(made),
             "seconds": round(seconds, 2),
-            **compared(features, whole, protocol),
-            "own": {"data": _band(own), "coverage": compared(features, own, protocol)["coverage"]},
+            **compared(curve, whole, protocol),
+            "own": {"data": _band(own), "coverage": compared(curve, own, protocol)["coverage"]},
+            "world": apart_in_the_world(representation, features[: protocol.pairs], protocol),
         }
         if network.figures:
             entry["latent"] = latent_points(made, protocol)
@@ -95,6 +105,12 @@ def compared(poses: np.ndarray, data: Band, protocol: Protocol) -> dict[str, Any
         "coverage": float(band_coverage(low, high, data_low, data_high)),
         "spread": rounded(np.quantile(distance, (0.05, 0.5, 0.95))),
     }
+
+
+def apart_in_the_world(representation: Representation, features: np.ndarray, protocol: Protocol) -> list[float]:
+    """Pairwise distance at ``protocol.at`` of motions ``(K, T, D)`` that go on from one place."""
+    world = world_of(representation, features)
+    return rounded(pairwise_distance(world[:, [t - 1 for t in protocol.at]]))
 
 
 def _band(band: Band) -> list[float]:
@@ -121,21 +137,21 @@ def data_fan(representation: Representation, clips: Sequence[Motion], protocol: 
     """What the data themselves do after beginnings that are alike, for a fan to be held against.
 
     Of places spread over the clips the ``protocol.similar`` that begin most alike (the prefix's frames, no two within
-    half a second of each other) are followed: pairwise distance, and the mean distance to their mean (corrected for so
-    few), at ``protocol.at``. ``alike``: how far from the first the last of them begins, metres a joint. None where
-    clips are too short.
+    half a second of each other) are followed: pairwise distance, the mean distance to their mean (corrected for so
+    few) and the pairwise distance in the ``world``, at ``protocol.at``. ``alike``: how far from the first the last of
+    them begins, metres a joint. None where clips are too short.
     """
     length, gap = protocol.prefix + protocol.fan_frames, round(representation.fps / 2)
-    each = [windows_of(joints_of(representation, x), length, 2) for x in encoded(representation, clips)
-            if len(x) >= length]  # fmt: skip
+    each = [windows_of(x, length, 2) for x in encoded(representation, clips) if len(x) >= length]
     if not each:
         return None
-    windows = np.concatenate(each)
+    features = np.concatenate(each)
+    windows = joints_of(representation, features)
     clip = np.repeat(np.arange(len(each)), [len(w) for w in each])
     place = 2 * np.concatenate([np.arange(len(w)) for w in each])
     begin = torch.from_numpy(windows[:, : protocol.prefix].reshape(len(windows), -1))
     scale = (3 / begin.shape[1]) ** 0.5
-    found, alike = [], []
+    found, alike, world = [], [], []
     for k in _some(np.arange(len(windows)), 32):
         distance = torch.cdist(begin[k : k + 1], begin)[0].numpy() * scale
         kept: list[int] = []
@@ -150,8 +166,10 @@ def data_fan(representation: Representation, clips: Sequence[Motion], protocol: 
         unbiased = (len(kept) / (len(kept) - 1)) ** 0.5
         found.append([pairwise_distance(after), mean_distance_band(after).mean * unbiased])
         alike.append(distance[kept[-1]])
+        world.append(apart_in_the_world(representation, features[kept, protocol.prefix :], protocol))
     pairwise, band = np.mean(found, axis=0)
-    return {"pairwise": rounded(pairwise), "band": rounded(band), "alike": float(np.mean(alike))}
+    return {"pairwise": rounded(pairwise), "band": rounded(band), "world": rounded(np.mean(world, axis=0)),
+            "alike": float(np.mean(alike))}  # fmt: skip
 
 
 @torch.no_grad()

@@ -45,6 +45,7 @@ from .results import rounded, write_result
 
 Sets = Sequence[tuple[list[Motion], list[Motion]]]  # (training clips, test clips) of each action
 
+MEASURES = 2  # one more whenever more is measured: what was kept before is measured again
 DATA_WINDOWS = 4000  # of the training clips at one rate and on one side, in which a copy is looked for
 
 
@@ -94,7 +95,8 @@ def found_in(weights: pathlib.Path, path: pathlib.Path, protocol: Protocol, sets
 def _asked(weights: pathlib.Path, protocol: Protocol, sets: Sets) -> dict[str, Any]:
     return {"weights": hashlib.sha256(weights.read_bytes()).hexdigest(),
             "clips": [[[motion.name for motion in part] for part in each] for each in sets],
-            "protocol": jsonable(dataclasses.asdict(protocol))}  # fmt: skip
+            "protocol": jsonable(dataclasses.asdict(protocol)),
+            "measures": MEASURES}  # fmt: skip
 
 
 def entry_of(checkpoint: Checkpoint, recipe: Recipe, name: str, sets: Sets,
@@ -125,6 +127,7 @@ def measure(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, netwo
     found, windows = stability(checkpoint, train_clips, test_clips, protocol)
     return {
         "stability": found,
+        "stability_short": stability(checkpoint, train_clips, test_clips, protocol, prefix=protocol.short_prefix)[0],
         "copies": copies(checkpoint, train_clips, test_clips, windows, protocol),
         "fan": fan(checkpoint, train_clips, test_clips, protocol, network),
         "data": {action: data_fan(checkpoint.representation, clips, protocol) for action, clips in train_clips.items()},
@@ -137,16 +140,22 @@ def measure(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, netwo
 # --- stability ------------------------------------------------------------------------------------
 
 
-def stability(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips,
-              protocol: Protocol) -> tuple[dict[str, Any], np.ndarray]:  # fmt: skip
+def stability(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol: Protocol,
+              prefix: int | None = None) -> tuple[dict[str, Any], np.ndarray]:  # fmt: skip
     """Motions of 900 frames by the rules of :mod:`.failures`, from prefixes of each action; and the motions' features.
 
-    True motion is what all training clips of the network are: a joint network may change its action.
+    ``prefix``: how many frames a Dynamic Future Net is given, by default those of the protocol.
+
+    True motion is what all training clips of the network are: a joint network may change its action. If it was shown
+    their mirror images, these poses are true, too: who boxes with the other hand in front has not left what people do.
     """
     representation = checkpoint.representation
     truth = Truth.of(*([m for clips in each.values() for m in clips] for each in (train_clips, test_clips)),
                      representation)  # fmt: skip
-    frames = protocol.prefix if checkpoint.system == "dynamic-future-net" else SEED_FRAMES
+    if checkpoint.training.get("mirror"):
+        others = mirrored(Motion(representation.skeleton, representation.fps, truth.poses)).positions
+        truth = dataclasses.replace(truth, poses=np.concatenate((truth.poses, others)))
+    frames = (prefix or protocol.prefix) if checkpoint.system == "dynamic-future-net" else SEED_FRAMES
     found, everything = {}, []
     for action, clips in test_clips.items():
         prefixes = prefixes_of(representation, clips, protocol.stable, frames)
@@ -178,8 +187,9 @@ def copies(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, made: 
     """How near generated windows come to what the network has learnt from, and how near windows of the clips kept out
     do: also to what it was shown slower, faster or mirrored, for a copy of that is a copy.
 
-    ``{"generated": quartiles, "held_out": quartiles}`` in metres; windows of a clip kept out that a network has
-    begun with are not in what it made.
+    made: features (K, T, D), as many motions begun with each action as with any other. ``{"generated": quartiles,
+    "held_out": quartiles}`` in metres; of windows kept out each action counts the same, as it does of those generated,
+    however long its clips are. Windows of a clip kept out that a network has begun with are not in what it made.
     """
     representation = checkpoint.representation
 
@@ -188,14 +198,18 @@ def copies(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, made: 
                                if len(x) >= protocol.window])  # fmt: skip
 
     trained = [clip for clips in train_clips.values() for clip in clips]
-    held = [x for clips in test_clips.values() for x in encoded(representation, clips)]
+    held = [windows(encoded(representation, clips), protocol.window // 3) for clips in test_clips.values()
+            if any(len(m) >= protocol.window for m in clips)]  # fmt: skip
     stride = max(1, sum(map(len, trained)) // DATA_WINDOWS)
-    asked = {"generated": windows(made, 2 * protocol.window), "held_out": windows(held, protocol.window // 3)}
+    asked = {"generated": windows(made, 2 * protocol.window), "held_out": np.concatenate(held)}
     nearest = {name: np.full(len(each), np.inf, np.float32) for name, each in asked.items()}
     for shown in ways_shown(trained, checkpoint.training):
         among = windows(encoded(representation, shown), stride)
         for name, each in asked.items():
             nearest[name] = np.minimum(nearest[name], nearest_window(each, among))
+    even = np.linspace(0, 1, 1001)
+    each_alike = [np.quantile(x, even) for x in np.split(nearest["held_out"], np.cumsum([len(x) for x in held])[:-1])]
+    nearest["held_out"] = np.concatenate(each_alike)
     return {"window": protocol.window,
             **{name: rounded(np.quantile(each, (0.25, 0.5, 0.75))) for name, each in nearest.items()}}  # fmt: skip
 

@@ -18,6 +18,7 @@ ACTIONS = tuple(DATA)
 
 JOINT = "joint"
 NO_FUTURE, NO_TEMPORAL = "joint, no future", "joint, no temporal difference"
+FAR_FUTURE = "joint, horizon 16"  # section 5.2: the future is 8 or 16 frames long
 ACLSTM, VAE = "aclstm", "vae-lstm"
 SHIPPED = "shipped"
 PUBLISHED = {True: "dfn-samples", False: "dfn-cmu"}  # weights that come with the library: of the samples, of the clips
@@ -68,6 +69,7 @@ NETWORKS = {
     **{f"dancing, {s} s": Network(f"{s} s of dancing", ("dancing",), seconds=s) for s in LIMITED},
     NO_FUTURE: Network("together, without the future state", **TOGETHER, options={"future": 0}),
     NO_TEMPORAL: Network("together, without the temporal-difference loss", **TOGETHER, options={"temporal": 0.0}),
+    FAR_FUTURE: Network("together, 16 frames of future", **TOGETHER, options={"horizon": 16}),
     SHIPPED: Network("the weights shipped", figures=True, many=True),  # by the command train; here only measured
     ACLSTM: Network("acLSTM", system="aclstm"),
     VAE: Network("VAE-LSTM", system="vae-lstm"),
@@ -90,6 +92,7 @@ class Protocol:
     """How a trained network is measured."""
 
     prefix: int = 20  # frames, section 6.1
+    short_prefix: int = 8  # the least of that section; for stability alone
     stable: int = 20  # motions of each action, from prefixes never trained on
     frames: int = 900
     fan: int = 4096  # motions from each of four prefixes, section 6.3; of networks beside the main ones ``pairs``

@@ -10,12 +10,23 @@ import numpy as np
 
 from ..view.tables import ErrorTable, error_table
 from . import results
-from .dynamic_future_net_plan import ACLSTM, ACTIONS, JOINT, LIMITED, NETWORKS, NO_FUTURE, NO_TEMPORAL, SHIPPED, VAE
+from .dynamic_future_net_plan import (
+    ACLSTM,
+    ACTIONS,
+    FAR_FUTURE,
+    JOINT,
+    LIMITED,
+    NETWORKS,
+    NO_FUTURE,
+    NO_TEMPORAL,
+    SHIPPED,
+    VAE,
+)
 from .results import RESULTS, Result, number, numbers
 
 RESULT = RESULTS / "dynamic_future_net.json"
 SCHEMA = 1
-TOGETHER = (JOINT, NO_FUTURE, NO_TEMPORAL, SHIPPED)
+TOGETHER = (JOINT, NO_FUTURE, NO_TEMPORAL, FAR_FUTURE, SHIPPED)
 DANCES = ("dancing", *(f"dancing, {seconds} s" for seconds in LIMITED))
 
 
@@ -68,6 +79,12 @@ def growth(result: Result, run: dict[str, Any], action: str, *, given: int = 0) 
     return float(np.divide(late, early))
 
 
+def growth_in_the_world(result: Result, run: dict[str, Any], action: str) -> float | None:
+    """The same from the fork, where people stand and face counted; None in a result that has not measured it."""
+    there = run["fan"]["prefixes"][action].get("world")
+    return None if there is None else float(np.divide(*numbers(there)[::-1]))
+
+
 def band_share(result: Result, run: dict[str, Any], action: str, own: bool = False) -> float:
     """The band's mean at the last time against the data's: of all that the network learnt, or of the action alone."""
     fan = run["fan"]
@@ -75,20 +92,23 @@ def band_share(result: Result, run: dict[str, Any], action: str, own: bool = Fal
     return float(at_times(result, run, action, "band")[-1] / number(data))
 
 
-def failed(run: dict[str, Any]) -> tuple[int, int]:
-    """How many motions of 900 frames failed by any rule, and of how many."""
-    return tuple(sum(entry[key] for entry in run["stability"].values()) for key in ("count", "samples"))
+def failed(run: dict[str, Any], what: str = "stability") -> tuple[int, int]:
+    """How many motions of 900 frames failed by any rule, and of how many; what: "stability_short" for those from the
+    shortest prefixes."""
+    return tuple(sum(entry[key] for entry in run[what].values()) for key in ("count", "samples"))
 
 
 # --- tables ---------------------------------------------------------------------------------------
 
 
 def tables(result: Result) -> dict[str, ErrorTable]:
-    """"diversity": fans of 4096 from one prefix; "data": what the data do after beginnings that are alike;
-    "stability" of 900 frames; "transitions" of action; "copies"; "limited data"; "ablations"; "beside it"; "training".
+    """"diversity": fans of 4096 from one prefix; "world": how far apart they are in the world; "data": what the data do
+    after beginnings that are alike; "stability" of 900 frames; "transitions" of action; "copies"; "limited data";
+    "ablations"; "beside it"; "training".
     """  # fmt: skip
     found = {
         "diversity": _diversity(result),
+        "world": _world(result),
         "data": _data(result),
         "stability": _stability(result),
         "transitions": _transitions(result),
@@ -127,6 +147,25 @@ def _diversity(result: Result) -> ErrorTable | None:
     return error_table(columns, groups, caption=caption + note(result), unit="m over the whole pose", best=None)
 
 
+def _world(result: Result) -> ErrorTable | None:
+    first, last = result["protocol"]["at"]
+    groups: dict[str, dict[str, list[float]]] = {}
+    for label, run in runs_of(result, (SHIPPED, JOINT, *ACTIONS)).items():
+        name = "each alone" if label in ACTIONS else NETWORKS[label].title
+        for action, entry in run["fan"]["prefixes"].items():
+            if "world" in entry:
+                groups.setdefault(name, {})[action] = [*entry["world"], growth_in_the_world(result, run, action)]
+    for action, run in alone(result).items():
+        if "world" in (run["data"][action] or {}):
+            apart = numbers(run["data"][action]["world"])
+            groups.setdefault("the clips, from beginnings that are alike", {})[action] = [*apart, apart[1] / apart[0]]
+    if not groups:
+        return None
+    return error_table([f"apart {first}", f"apart {last}", "ratio"], groups, best=None, unit="m over the whole pose",
+                       caption="Pairwise distance in the world, where people stand and face counted"
+                       + note(result))  # fmt: skip
+
+
 def _data(result: Result) -> ErrorTable | None:
     first, last = result["protocol"]["at"]
     rows = {}
@@ -149,7 +188,8 @@ def _stability(result: Result) -> ErrorTable | None:
             continue
         groups[NETWORKS[label].title] = {
             action: [
-                str(entry["count"]), entry["stagnations"]["count"],
+                str(entry["count"]), str(short[action]["count"]) if (short := run.get("stability_short")) else None,
+                entry["stagnations"]["count"],
                 entry["lowest"], entry["foot_slide"]["generated"], entry["foot_slide"]["true"],
                 100 * number(entry["bone_drift"]),
             ]
@@ -158,7 +198,8 @@ def _stability(result: Result) -> ErrorTable | None:
     if not groups:
         return None
     fails = f"fail of {result['protocol']['stable']}"
-    columns = [fails, "standstills", "least change", "slide cm", "true slide", "bones %"]
+    shortest = f"from {result['protocol'].get('short_prefix', 8)} frames"
+    columns = [fails, shortest, "standstills", "least change", "slide cm", "true slide", "bones %"]
     caption = (
         f"Open loop, {result['protocol']['frames']} frames after a prefix never trained on, by the rules of lesson 3"
     )

@@ -1,7 +1,8 @@
 """When generated motion has failed, by rules: it freezes, stays in one pose, or leaves what people do.
 
-acRNN, section 4 and figure 7, counts failures among 20 samples of 1000 frames by eye. Here each rule is a number held
-against true motion (:class:`Truth`); the rules themselves are functions of :mod:`tutorial_lib.metrics`:
+acRNN, section 4 and figure 7, tells of failures among 20 samples of 1000 frames, but not by what rule. Here each is
+a number held against true motion (:class:`Truth`); the rules themselves are functions of
+:mod:`tutorial_lib.metrics`:
 
 ==============  ==================================================================================================
 "freezing"      for 10 s the motion change is below a tenth of the true one, on average (``freezing_time``)

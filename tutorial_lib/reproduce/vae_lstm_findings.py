@@ -38,6 +38,7 @@ def _listed(rows: dict[str, np.ndarray], k: int, scale: float = 1e4) -> str:
 def _table_1(result: Result) -> list[Finding]:
     claims = (
         "Table 1: at frame 70 the baselines, shown 60 frames, err less than the VAE-LSTM",
+        "Table 1: at frame 90 already the VAE-LSTM errs less than every baseline",
         "Table 1: from frame 120 on the VAE-LSTM errs less than every baseline",
         "Table 1: so does the prior sample",
         "Table 1: from frame 70 to 210 the VAE-LSTM's error grows by a smaller factor than any baseline's",
@@ -50,9 +51,10 @@ def _table_1(result: Result) -> list[Finding]:
     last = f"at frame 210 {_listed(rows, -1)} cm²"
     return [
         Finding(claims[0], bool((base[:, 0] < own[0]).all()), f"{_listed(rows, 0)} cm²"),
-        Finding(claims[1], bool((rows[VAE][2:] < base[:, 2:]).all()), last),
-        Finding(claims[2], bool((rows[VAE_PRIOR][2:] < base[:, 2:]).all()), last),
-        Finding(claims[3], all(large(grown[VAE]) < large(grown[b]) for b in BASELINES),
+        Finding(claims[1], bool((base[:, 1] > own[1]).all()), f"{_listed(rows, 1)} cm²"),
+        Finding(claims[2], bool((rows[VAE][2:] < base[:, 2:]).all()), last),
+        Finding(claims[3], bool((rows[VAE_PRIOR][2:] < base[:, 2:]).all()), last),
+        Finding(claims[4], all(large(grown[VAE]) < large(grown[b]) for b in BASELINES),
                 ", ".join(f"{SYSTEMS[r].title} {grown[r]:.1f}" for r in (*BASELINES, VAE))),
     ]  # fmt: skip
 
