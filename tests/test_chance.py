@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from tutorial_lib.chance import seeded
+from tutorial_lib.data import synthetic
 from tutorial_lib.data.windows import WindowSampler, evaluation_windows, split_clips
 from tutorial_lib.errors import TutorialError
 from tutorial_lib.motion.join import playlist
@@ -34,6 +35,10 @@ def test_what_is_no_seed_is_told_in_one_line(seed, small_motion):
         lambda: WindowSampler([small_motion], representation, length=4, batch=2, seed=seed),
         lambda: evaluation_windows([small_motion], representation, seed_frames=2, future_frames=2, count=2, seed=seed),
         lambda: playlist([small_motion], seconds=5, blend=0.1, seed=seed),
+        *(
+            lambda make=make: make(1.0, seed=seed)
+            for make in (synthetic.walking, synthetic.running, synthetic.boxing, synthetic.dancing)
+        ),
     ):
         with pytest.raises(TutorialError, match=r"the seed must be a whole number of 0 or more.*, not ") as told:
             attempt()

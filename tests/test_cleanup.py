@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tutorial_lib import data, metrics
+from tutorial_lib import cleanup, data, metrics
 from tutorial_lib.cleanup import (
     _smooth_below,
     bending_axis,
@@ -22,6 +22,7 @@ from tutorial_lib.cleanup import (
 from tutorial_lib.data.synthetic import sample_skeleton
 from tutorial_lib.errors import MotionError
 from tutorial_lib.motion import Motion, Skeleton, read_bvh, write_bvh
+from tutorial_lib.motion.rotations import quat_about_y, quat_rotate
 
 FPS = 30.0
 
@@ -214,12 +215,34 @@ def test_heels_stand_as_well_as_toes(spoilt):
     assert before > 6 and after < 1.2, (before, after)
 
 
-def test_who_turns_on_the_ball_of_a_foot_still_does():
-    motion = data.load("samples/dancing")[0][:300].on_ground()
+@pytest.mark.parametrize("clip, frame", [(1, 192), (4, 177)])
+def test_who_turns_on_the_ball_of_a_foot_still_does(clip, frame, monkeypatch):
+    """A boxer's right foot turns by 36 degrees and more while it stands; held as it mostly stands it would not."""
+    motion = data.load("samples/boxing")[clip].on_ground()
     leg = legs(motion.skeleton)[1]
-    heels = [(m.positions[:, leg.ankle] - m.positions[:, leg.toe])[[184, 192]] for m in (motion, clean_up(motion))]
-    turned, still = (np.linalg.norm((heel[1] - heel[0])[[0, 2]]) for heel in heels)
-    assert turned > 0.15 and abs(still - turned) < 0.03, (turned, still)
+
+    def heel(motion: Motion) -> np.ndarray:
+        return (motion.positions[frame, leg.ankle] - motion.positions[frame, leg.toe])[[0, 2]]
+
+    assert np.linalg.norm(heel(clean_up(motion)) - heel(motion)) < 0.005
+    monkeypatch.setattr(cleanup, "SWIVEL", 1.0)
+    assert np.linalg.norm(heel(clean_up(motion)) - heel(motion)) > 0.06
+
+
+def test_a_foot_that_stands_flat_does_not_turn():
+    """Its heel trembles about the toe by 2 cm, as generated feet do, less than somebody who turns."""
+    motion = statue(90)
+    leg = legs(motion.skeleton)[0]
+    ankle, toe = motion.positions[:, leg.ankle], motion.positions[:, leg.toe]
+    x, along = motion.positions.copy(), ankle - toe
+    turn = quat_about_y(0.15 * np.sin(2 * np.pi * np.arange(90) / 25))
+    x[:, leg.ankle] = toe + quat_rotate(turn, along)
+    trembling = Motion(motion.skeleton, FPS, x)
+    before, after = (
+        np.ptp((m.positions[:, leg.ankle] - m.positions[:, leg.toe])[:, [0, 2]], axis=0).max()
+        for m in (trembling, clean_up(trembling))
+    )
+    assert before > 0.03 and after < 1e-4, (before, after)
 
 
 @pytest.mark.parametrize("name", ["walking", "dancing", "boxing"])
@@ -281,6 +304,9 @@ def test_wrong_input_is_told(walk, small_motion):
         x = walk.positions.copy()
         x[3, 0, 0] = np.nan
         clean_up(Motion(walk.skeleton, FPS, x))
+    for seconds in (np.nan, -1, np.inf, "long"):
+        with pytest.raises(MotionError, match=f"grounded: a ground over {seconds!r} seconds, expected a number"):
+            grounded(walk, seconds)
     with pytest.raises(MotionError, match="positions alone"):
         planted(Motion(walk.skeleton, FPS, walk.positions), {})
     s = walk.skeleton

@@ -142,6 +142,19 @@ def test_sixty_metres_a_second_are_limited_and_a_turn_back_is_made_on_the_spot()
     assert np.hypot(*back.control[:, 1:].T).min() < 0.1
 
 
+@pytest.mark.parametrize("rounding", [0, None])
+def test_a_path_that_turns_back_within_a_step_begins_and_ends_in_a_direction(rounding):
+    """Resampled every 2 cm its first two points are one, and its last two."""
+    there = [(0, 0), (0, 0.01), (0, 0), (0, 1), (0, 1.01), (0, 1)]
+    for path in (there[:4], there[2:], there):
+        for points, along in ((path, 1), (path[::-1], -1)):
+            planned = path_control(points, 1.0, FPS, rounding=rounding)
+            assert np.isfinite(planned.control).all() and planned.place[-1] == pytest.approx(points[-1], abs=0.05)
+            assert np.cos(planned.angle[[0, -1]]) == pytest.approx(along, abs=1e-3), "along +z, or back"
+    with pytest.raises(MotionError, match="path of 7 points: goes to and fro within 2 cm, nothing is left of it"):
+        path_control([(0, 0), (0, 0.01)] * 3 + [(0, 0)], 1.0, FPS)
+
+
 points = st.lists(st.tuples(*[st.floats(-8, 8)] * 2), min_size=2, max_size=12)
 
 
@@ -227,7 +240,12 @@ def test_prepared_paths_are_what_they_are_called():
         # an arc of radius r passes r (1 / cos(turn / 2) - 1) inside its corner
         missed = [np.abs(path_offset(corners[:3], path)), radius * (1 / np.cos(turn / 2) - 1)]
         assert missed[0] == pytest.approx(missed[1], abs=2e-3)
+    assert len(circle()) == len(circle(2.0, 0.3)) == 200, "the prepared ones stay as they were"
+    rounds = circle(2.0, 100)
+    assert np.abs(path_length(rounds) / (400 * np.pi) - 1) < 1e-3 and len(rounds) == 19901
     for bad in (
+        lambda: zigzag(2.5), lambda: zigzag(np.inf), lambda: zigzag(np.nan), lambda: circle(2.0, np.inf),
+        lambda: circle(2.0, 1e9), lambda: circle("wide"),
         lambda: circle(0.0), lambda: figure_of_eight(-1), lambda: zigzag(0), lambda: zigzag(3, 1.0, radius=2.0),
         lambda: zigzag(turn=4.0), lambda: prepared_path("spiral"),
     ):  # fmt: skip
@@ -285,6 +303,28 @@ def test_limits_are_measured_of_clips(walks):
             Limits(turning=bad)
 
 
+def test_a_quantile_of_what_was_measured(walks):
+    half, most = limits_of(walks, quantile=0.5), limits_of(walks, quantile=1)
+    smooth = np.concatenate([smooth_control(control_of(clip), FPS)[11:-11] for clip in walks])  # 0.35 s off the ends
+    assert half.speed == pytest.approx(np.median(np.hypot(*smooth[:, 1:].T)), rel=1e-6)
+    assert most.turning == pytest.approx(np.abs(smooth[:, 0]).max(), rel=1e-6) and most.turning > 1.2 * half.turning
+
+
+def test_numbers_of_numpy_are_numbers_and_truth_is_none():
+    given = Limits(np.float32(2), np.float64(2), np.int64(3))
+    assert given == Limits(2.0, 2.0, 3.0) and type(given.speed) is type(given.sideways) is float
+    path = [(0, 0), (0, 4)]
+    plain = control_from_path(path, 1.3, 30.0, rounding=0.5)
+    assert np.array_equal(plain, control_from_path(path, np.float64(1.3), np.int64(30), rounding=np.float32(0.5)))
+    assert len(constant_control(np.int32(4))) == 4
+    for use in (
+        lambda: Limits(speed=True), lambda: control_from_path(path, rounding=True), lambda: constant_control(True),
+        lambda: control_from_path(path, fps=True),
+    ):  # fmt: skip
+        with pytest.raises(MotionError, match="True"):
+            use()
+
+
 # -- sliders -------------------------------------------------------------------------------------------------
 
 
@@ -312,9 +352,33 @@ def test_sliders_are_limited_with_one_warning_that_names_the_frame():
     assert np.array_equal(limit_control(tamed, FPS), tamed)
 
 
+def test_a_limit_is_told_at_the_callers_line_each_time():
+    """As Python shows warnings when nobody has asked it for more: each line's first, that is."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("default")
+        for _ in range(2):
+            constant_control(3, forward=60)
+        control_from_path([(0, 0), (0, 9)], 60)
+    line = test_a_limit_is_told_at_the_callers_line_each_time.__code__.co_firstlineno
+    assert [(one.filename, one.lineno - line) for one in told] == [(__file__, 5), (__file__, 5), (__file__, 6)]
+
+
 @pytest.mark.parametrize(
     ("call", "says"),
     [
+        (lambda: constant_control(5, forward="a"), "forward: expected numbers, found str"),
+        (lambda: constant_control(5, turning=[1, 2]), "turning of shape (2,): expected a number"),
+        (lambda: piecewise_control([(1, 0, 1, 0)], blend=np.nan), "a blend of nan s, expected 0 to 3600"),
+        (lambda: piecewise_control([(1, 0, 1, 0)], blend=np.inf), "a blend of inf s"),
+        (lambda: piecewise_control([(1, 0, 1, 0)], blend=-0.5), "a blend of -0.5 s"),
+        (lambda: smooth_control(np.zeros((9, 3)), 30, np.nan), "smooth_control: a blur of nan s, expected 0 to 3600"),
+        (lambda: smooth_control(np.zeros((9, 3)), 30, -1), "a blur of -1 s"),
+        (lambda: smooth_control(np.zeros((9, 3)), 30, "long"), "a blur of 'long' s"),
+        (lambda: smooth_control([[1, 2], [3]], 30), "control: expected numbers"),
+        (lambda: limits_of([], fps=np.nan), "nan frames per second"),
+        (lambda: limits_of([], quantile=1.5), "limits_of: quantile 1.5, expected a number from 0 to 1"),
+        (lambda: limits_of([], quantile=-0.1), "quantile -0.1"),
+        (lambda: limits_of([], quantile=np.nan), "quantile nan"),
         (lambda: constant_control(0), "control of 0 frames"),
         (lambda: constant_control(2.5), "control of 2.5 frames"),
         (lambda: constant_control(5, turning=np.nan), "not finite at frame 0, turning"),
@@ -355,6 +419,39 @@ def test_offset_is_from_the_line_and_has_a_side():
     assert np.abs(path_offset(places, path)) == pytest.approx(brute, abs=1e-3)
     assert np.array_equal(check_path(np.repeat(path, 2, 0))[::2], path)
     assert np.abs(path_offset(places, np.repeat(path, 2, 0))) == pytest.approx(brute, abs=1e-3), "points given twice"
+
+
+def test_outside_of_a_sharp_corner_is_one_side():
+    """The path turns left by 135 degrees: to the right of it is the outside, all round the corner."""
+    path = np.array([(0.0, -5.0), (0.0, 0.0), (5.0, -5.0)])
+    outside = np.array([(1.0, 1.0), (-1.0, 0.5), (0.0, 1.0), (-0.5, -0.2)])
+    assert (path_offset(outside, path) < 0).all()
+    mirrored = path * [-1, 1]
+    assert (path_offset(outside * [-1, 1], mirrored) > 0).all()
+    assert path_offset(outside[:2], path) == pytest.approx([-(2**0.5), -(1.25**0.5)])
+    angle = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+    ring = 0.5 * np.stack([np.sin(angle), np.cos(angle)], -1)  # about the corner: changes sides where the path is met
+    assert np.abs(np.diff(np.sign(path_offset(ring, path)))).sum() == 4
+    closed = np.concatenate([path, path[:1]])
+    corner = closed[2] + ring
+    inside = (corner[:, 0] + corner[:, 1] < 0) & (corner[:, 1] > -5)
+    assert ((path_offset(corner, closed) > 0) == inside).all()
+    begins = closed[[1, 2, 3, 1]]  # the same, begun in the sharp corner
+    np.testing.assert_allclose(path_offset(ring, begins), path_offset(ring, closed), atol=1e-12)
+
+
+def test_passed_is_within_thirty_centimetres():
+    z = np.linspace(0, 10, 300)
+    for away, covered in ((0.25, 1.0), (0.35, 0.0)):
+        assert path_deviation(np.stack([np.full(300, away), z], -1), [(0, 0), (0, 10)], FPS).covered == covered
+
+
+def test_drift_is_of_the_stride_around_each_frame():
+    """Somebody who steps aside at one frame: half of it has come into the mean there, none 0.6 s before."""
+    z = np.linspace(0, 10, 301)
+    aside = path_deviation(np.stack([np.where(z < 5, 0.0, 0.2), z], -1), [(0, 0), (0, 10)], FPS).drift
+    assert aside[149:152] == pytest.approx(0.1, abs=0.01)
+    assert aside[:133] == pytest.approx(0, abs=1e-9) and aside[168:] == pytest.approx(0.2, abs=1e-9)
 
 
 def test_deviation_does_not_praise_who_stands_still():

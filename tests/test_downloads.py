@@ -28,13 +28,21 @@ SHA = hashlib.sha256(BODY).hexdigest()
 
 
 class Server:
-    """Serves ``files``; ``cuts``: the bytes after which the next answers break off; ``log``: what came."""
+    """Serves ``files``; ``cuts``: the bytes after which the next answers break off; ``log``: what came, and
+    ``conditions``, its If-Range."""
 
     def __init__(self):
-        self.files, self.cuts, self.log = {}, [], []
+        self.files, self.cuts, self.log, self.conditions = {}, [], [], []
         self.ranges = True  # False: ignores Range and sends all, as some servers do
         self.shift = 0  # a broken server that begins elsewhere than asked
         self.pause = 0.0  # seconds between chunks
+        self.version = {}  # headers that tell which version of a file it is
+        self.length = (
+            "told"  # how long an answer is: "told", "chunked", or a Content-Length as it stands, None for none
+        )
+        self.piece = None  # bytes; a longer rest is sent in pieces, as some servers do with ranges
+        self.total = True  # False: a piece does not tell of how many bytes it is one
+        self.onward = None  # another address, to which all is sent on
         outer = self
 
         class Handler(http.server.BaseHTTPRequestHandler):
@@ -52,6 +60,13 @@ class Server:
     def answer(self, request):
         wanted = request.headers.get("Range")
         self.log.append((request.path, wanted))
+        self.conditions.append(request.headers.get("If-Range"))
+        if self.onward is not None:
+            request.send_response(302)
+            request.send_header("Location", self.onward)
+            return request.end_headers()
+        if self.conditions[-1] not in (None, *self.version.values()):
+            wanted = None  # it is another file by now: all of it
         body = self.files.get(request.path.lstrip("/"))
         if body is None:
             return request.send_error(404)
@@ -63,13 +78,21 @@ class Server:
                 request.send_header("Content-Range", f"bytes */{len(body)}")
                 request.send_header("Content-Length", "0")
                 return request.end_headers()
+            rest = body[start : None if self.piece is None else start + self.piece]
             request.send_response(206)
-            request.send_header("Content-Range", f"bytes {start}-{len(body) - 1}/{len(body)}")
+            total = len(body) if self.total else "*"
+            request.send_header("Content-Range", f"bytes {start}-{start + len(rest) - 1}/{total}")
         else:
+            rest = body
             request.send_response(200)
-        request.send_header("Content-Length", str(len(body) - start))
+        if self.length == "chunked":
+            request.send_header("Transfer-Encoding", "chunked")
+            rest = b"".join(b"%x\r\n%s\r\n" % (len(p), p) for p in (rest[:1000], rest[1000:])) + b"0\r\n\r\n"
+        elif self.length is not None:
+            request.send_header("Content-Length", str(len(rest)) if self.length == "told" else self.length)
+        for name, value in self.version.items():
+            request.send_header(name, value)
         request.end_headers()
-        rest = body[start:]
         if self.cuts:
             rest = rest[: self.cuts.pop(0)]
         try:
@@ -194,6 +217,117 @@ def test_part_that_is_too_long_is_started_again(server, tmp_path):
     assert (tmp_path / "set/a.bvh").read_bytes() == BODY
 
 
+def test_part_of_another_file_is_started_again_at_once(server, tmp_path):
+    """Whole by its size, or a beginning: what comes is wrong by its checksum, and the part is to blame."""
+    for stale in (BODY[::-1], BODY[: CUT - 1] + b"!"):
+        (tmp_path / "set").mkdir(exist_ok=True)
+        (tmp_path / "set/a.bvh.part").write_bytes(stale)
+        download_files([remote(server, size=len(BODY))], tmp_path)
+        assert (tmp_path / "set/a.bvh").read_bytes() == BODY and files_in(tmp_path) == ["set/a.bvh"]
+        (tmp_path / "set/a.bvh").unlink()
+    assert [r for _, r in server.log] == [None, f"bytes={CUT}-", None]
+
+
+@pytest.mark.parametrize("total", [True, False])
+def test_a_server_that_sends_a_range_in_pieces_is_asked_on(server, tmp_path, total):
+    server.cuts, server.piece, server.total = [CUT], 200_000, total
+    download_files([remote(server)], tmp_path)
+    assert (tmp_path / "set/a.bvh").read_bytes() == BODY
+    at = [CUT, CUT + 200_000, CUT + 400_000, *([] if total else [len(BODY)])]
+    assert [r for _, r in server.log] == [None, *(f"bytes={k}-" for k in at)]
+
+
+def test_many_pieces_are_no_failures(server, tmp_path):
+    server.cuts, server.piece = [CUT], 40_000
+    download_files([remote(server)], tmp_path)
+    assert (tmp_path / "set/a.bvh").read_bytes() == BODY and len(server.log) > 2 * download.ATTEMPTS
+
+
+@pytest.mark.parametrize("length", ["many", "-5", ""])
+def test_a_length_that_is_no_number_is_as_good_as_none(server, tmp_path, length):
+    server.length = length
+    download_files([remote(server)], tmp_path)
+    assert (tmp_path / "set/a.bvh").read_bytes() == BODY
+    with pytest.raises(DownloadError, match="expected an answer that says how long it is") as error:
+        download_files([remote(server, sha256=None)], tmp_path / "other")
+    assert "\n" not in str(error.value)
+
+
+# --- without a checksum: only the server tells what is whole ------------------------------------------
+
+
+def test_an_answer_that_just_ends_is_refused(server, tmp_path):
+    server.length, server.cuts = None, [CUT]
+    with pytest.raises(DownloadError, match="no Content-Length, and no checksum is known.*nothing was kept") as error:
+        download_files([remote(server, sha256=None)], tmp_path)
+    assert "\n" not in str(error.value) and files_in(tmp_path) == []
+    server.cuts = []
+    download_files([remote(server)], tmp_path)  # a checksum tells
+
+
+def test_chunks_tell_their_end(server, tmp_path):
+    server.length = "chunked"
+    download_files([remote(server, sha256=None)], tmp_path / "whole")
+    assert (tmp_path / "whole/set/a.bvh").read_bytes() == BODY
+    server.cuts = [CUT] * download.ATTEMPTS
+    with pytest.raises(DownloadError, match="broke off$"):
+        download_files([remote(server, sha256=None)], tmp_path / "cut")
+    assert files_in(tmp_path / "cut") == []
+
+
+def test_a_part_from_before_is_thrown_away(server, tmp_path):
+    for part in (b"older" * 1000, BODY):
+        (tmp_path / "set").mkdir(exist_ok=True)
+        (tmp_path / "set/a.bvh.part").write_bytes(part)
+        download_files([remote(server, sha256=None, size=len(BODY))], tmp_path)
+        assert (tmp_path / "set/a.bvh").read_bytes() == BODY and server.log == [("/set/a.bvh", None)]
+        server.log.clear()
+        for name in ("set/a.bvh", "checksums.json"):
+            (tmp_path / name).unlink()
+
+
+@pytest.mark.parametrize(
+    ("version", "asked"),
+    [
+        ({}, None),
+        ({"ETag": 'W/"1"'}, None),
+        ({"ETag": '"1"', "Last-Modified": "Mon, 06 Jan 2025 00:00:00 GMT"}, '"1"'),
+        ({"ETag": 'W/"1"', "Last-Modified": "Mon, 06 Jan 2025 00:00:00 GMT"}, "Mon, 06 Jan 2025 00:00:00 GMT"),
+    ],
+)
+def test_what_broke_off_is_taken_up_only_in_the_same_file(server, tmp_path, version, asked):
+    server.cuts, server.version = [CUT], version
+    download_files([remote(server, sha256=None)], tmp_path)
+    assert (tmp_path / "set/a.bvh").read_bytes() == BODY
+    assert [r for _, r in server.log] == [None, f"bytes={CUT}-" if asked else None]
+    assert server.conditions == [None, asked]
+
+
+def test_a_file_that_was_changed_meanwhile_is_fetched_whole(server, tmp_path, monkeypatch):
+    server.cuts, server.version = [CUT], {"ETag": '"1"'}
+    receive = download.ResumingDownloader._receive
+
+    def then_changed(self, url, offset):
+        if offset:
+            server.files["set/a.bvh"], server.version = BODY[::-1], {"ETag": '"2"'}
+        return receive(self, url, offset)
+
+    monkeypatch.setattr(download.ResumingDownloader, "_receive", then_changed)
+    download_files([remote(server, sha256=None)], tmp_path)
+    assert (tmp_path / "set/a.bvh").read_bytes() == BODY[::-1] and server.conditions == [None, '"1"']
+
+
+@pytest.mark.parametrize(
+    "onward",
+    ["http://[::1", "http://a:99999999/", "http://.a.b/", "http://" + "a" * 70 + "/", "ftp://a/b", "http://", "//[x"],
+)
+def test_being_sent_on_to_no_address_is_one_line(server, tmp_path, onward):
+    server.onward = onward
+    with pytest.raises(DownloadError) as error:
+        download_files([remote(server)], tmp_path)
+    assert "\n" not in str(error.value) and files_in(tmp_path) == []
+
+
 def test_404_names_the_address(server, tmp_path):
     with pytest.raises(DownloadError, match=f"{server.url}/set/none.bvh answered 404 Not Found"):
         download_files([remote(server, "set/none.bvh")], tmp_path)
@@ -228,6 +362,25 @@ def test_offline_setting_never_touches_the_network(server, tmp_path, monkeypatch
     (tmp_path / "set/a.bvh").unlink()
     download_files([remote(server)], tmp_path)
     assert len(server.log) == 1
+
+
+def test_a_complete_cache_is_only_read(server, tmp_path, monkeypatch):
+    """One that cannot be written, as for all users of a machine. (Root may write everywhere, so its lock fails.)"""
+    server.files["set/b.bvh"] = BODY[::-1]
+    both = [remote(server), remote(server, "set/b.bvh", None)]  # the second is held to what is recorded
+    download_files(both, tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+
+    def refused(cache):
+        raise PermissionError(13, "Permission denied", str(cache / ".lock"))
+
+    monkeypatch.setattr(download, "_one_process_at_a_time", refused)
+    server.log.clear()
+    download_files(both, tmp_path)
+    assert sorted(tmp_path.rglob("*")) == before and server.log == []
+    (tmp_path / "set/b.bvh").write_bytes(b"damaged")
+    with pytest.raises(DownloadError, match="cannot write to .*lock: Permission denied"):
+        download_files(both, tmp_path)
 
 
 AMC = b"#!OML:ASF\n:FULLY-SPECIFIED\n:DEGREES\n1\nroot 0 0 0 0 0 0\n"

@@ -243,6 +243,10 @@ def test_any_length(checkpoint, control, frames):
     (np.zeros((0, 3)), r"control of shape \(0, 3\)"),
     (np.full((2, 5, 3), np.nan), "control: turning of frame 0 is nan"),
     (np.array([[0, 1, 0], [0, np.inf, 0]]), "control: forward of frame 1 is inf"),
+    ([[0, 1, 0], [0, 1]], "control: expected numbers, an array .*, found list"),
+    ("straight on", "control: expected numbers, an array .*, found str"),
+    ([["a", "b", "c"]], "control: expected numbers, an array .*, found list"),
+    (None, r"control of shape \(\)"),
 ])  # fmt: skip
 def test_control_that_does_not_fit(checkpoint, wrong, told):
     with pytest.raises(MotionError, match=told) as caught:
@@ -253,6 +257,10 @@ def test_control_that_does_not_fit(checkpoint, wrong, told):
 def test_what_else_does_not_fit(checkpoint, control, clips, small_motion):
     with pytest.raises(MotionError, match="control at 60 frames per second, the network was trained at 30"):
         generate_from_control(checkpoint, control, fps=60.0)
+    for fps, told in ((np.nan, "nan"), ("30", "'30'"), (True, "True")):
+        with pytest.raises(MotionError, match=f"control at {told} frames per second, the network was trained at 30"):
+            generate_from_control(checkpoint, control, fps=fps)
+    assert check_control(checkpoint, control, fps=np.float32(30.0)).shape == control.shape
     assert check_control(checkpoint, control, fps=30.0).shape == control.shape
     with pytest.raises(MotionError, match="2 controls for 3 motions"):
         generate_from_control(checkpoint, np.stack([control, control]), count=3)

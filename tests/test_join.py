@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,9 @@ from tutorial_lib import data
 from tutorial_lib.data.windows import WindowSampler
 from tutorial_lib.errors import MotionError, TutorialError
 from tutorial_lib.metrics import bone_length_drift
+from tutorial_lib.motion import join as module
 from tutorial_lib.motion.clip import Motion
-from tutorial_lib.motion.join import join, playlist
+from tutorial_lib.motion.join import SEARCH, join, playlist
 from tutorial_lib.motion.retarget import to_common
 from tutorial_lib.recipes import Recipe, trainer_for
 from tutorial_lib.representations import make_representation
@@ -82,6 +85,24 @@ def test_a_playlist_has_every_clip_and_other_orders(walks):
         assert np.abs(heights).max(1).min() < 1e-6
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_no_clip_follows_itself(walks, monkeypatch, count):
+    monkeypatch.setattr(module, "join", lambda motions, **_: motions)
+    for seed in range(5):
+        order = [clip.name for clip in playlist(walks[:count], seconds=500, seed=seed)]
+        assert len(order) >= 30 and all(a != b for a, b in zip(order, order[1:], strict=False)), (seed, order)
+    assert len({clip.name for clip in playlist(walks[:1], seconds=60)}) == 1, "but for one that is alone"
+
+
+def test_the_seconds_of_a_playlist_are_the_clips_own(walks, monkeypatch):
+    """What the joins leave is shorter, by a blend and the two searches at most in each."""
+    clips = [clip[:90] for clip in walks]
+    whole = playlist(clips, seconds=60, seed=0)
+    assert 60 - 19 * (0.3 + 2 * SEARCH) < whole.duration < 50
+    monkeypatch.setattr(module, "join", lambda motions, **_: motions)
+    assert sum(clip.duration for clip in playlist(clips, seconds=60, seed=0)) == pytest.approx(60)
+
+
 def test_a_playlist_says_which_clips_it_leaves_out(walks):
     short = walks[1][:20].with_name("short")
     with pytest.warns(UserWarning, match="1 of 3 clips left out, too short for three blends of 0.3 s: 'short'$"):
@@ -96,6 +117,22 @@ def test_what_cannot_be_joined(walks):
         join([walks[0], to_common(walks[1])])
     with pytest.raises(MotionError, match="60 frames a second"):
         join([walks[0], walks[1].resample(60)])
+    nearly = dataclasses.replace(walks[1], fps=30.003)  # as a file with a rounded frame time has it
+    assert join([walks[0], nearly]).fps == 30
+    with pytest.raises(MotionError, match="30.3 frames a second"):
+        join([walks[0], dataclasses.replace(walks[1], fps=30.3)])
+    for wrong in (np.nan, -0.1, np.inf, None, "long"):
+        with pytest.raises(MotionError, match=f"join: a blend of {wrong!r} seconds, expected a number of 0 or more"):
+            join(walks[:2], blend=wrong)
+        with pytest.raises(MotionError, match=f"playlist: a blend of {wrong!r} seconds"):
+            playlist(walks[:2], seconds=10, blend=wrong)
+    for wrong in (np.nan, -0.1, None):
+        with pytest.raises(MotionError, match=f"join: a search of {wrong!r} seconds, expected a number of 0 or more"):
+            join(walks[:2], search=wrong)
+    assert len(join(walks[:2], search=np.inf)) > 300, "as far as a third of a clip"
+    for wrong in (np.nan, np.inf, 0, -5, None, "long"):
+        with pytest.raises(MotionError, match=f"playlist of {wrong!r} seconds: expected a number above 0"):
+            playlist(walks[:2], seconds=wrong)
     with pytest.raises(MotionError, match="expected .* to blend"):
         join([walks[0], walks[1][:20]], blend=0.5)
     with pytest.raises(MotionError, match="none of 1 clips"):

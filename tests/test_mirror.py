@@ -76,6 +76,24 @@ def test_a_node_without_a_partner_is_told_by_its_name(names):
         other_side(Skeleton(names, (-1, 0, 0, 1), np.zeros((4, 3))))
 
 
+@pytest.mark.parametrize("lonely", ["LeftArm", "RightHand_end", "Arm_L", "Toe_R_end_"])
+@pytest.mark.parametrize("others", [("lfemur", "rfemur"), ("Head", "Neck")])
+def test_one_arm_alone_has_no_mirror_image(lonely, others):
+    """It hangs from a node in the middle, which hides it from what else is looked at."""
+    skeleton = Skeleton(("root", *others, lonely), (-1, 0, 0, 0), np.zeros((4, 3)))
+    told = f"no mirror image: '{lonely}', which hangs from 'root', has no partner on the other side"
+    with pytest.raises(MotionError, match=told):
+        other_side(skeleton)
+    alone = Skeleton((lonely, *others), (-1, 0, 0), np.zeros((3, 3)))
+    with pytest.raises(MotionError, match=f"no mirror image: '{lonely}' has no partner"):
+        other_side(alone)
+
+
+def test_names_that_begin_with_a_letter_of_a_side_may_be_in_the_middle():
+    skeleton = Skeleton(("root", "lowerback", "lfemur", "rfemur"), (-1, 0, 0, 0), np.zeros((4, 3)))
+    assert other_side(skeleton) == [0, 1, 3, 2]
+
+
 def test_training_sees_every_clip_twice():
     """--mirror: the windows are of both, and the provenance counts the clips once."""
     recipe = Recipe("vae-lstm", "samples/walking", hidden=8, batch=256, length=40, steps=1, mirror=True)

@@ -215,8 +215,36 @@ def test_joints_in_one_place_and_folded_bones_stay_finite():
     q = rotations_from_positions(s, positions)
     assert np.isfinite(q).all() and np.allclose(np.linalg.norm(q, axis=-1), 1)
     assert np.allclose(quat_rotate(q[2, 0], np.array([1.0, 0, 0])), [0, 1, 0], atol=1e-9)
-    with pytest.raises(MotionError, match="expected"):
-        rotations_from_positions(s, positions[:, :2])
+
+
+@pytest.mark.parametrize(
+    ("positions", "reference", "told"),
+    [
+        (np.zeros((3, 1, 3)), None, r"positions of shape \(3, 1, 3\), expected \(T, 2, 3\)"),
+        (np.zeros((2, 3)), None, r"positions of shape \(2, 3\), expected"),
+        (np.zeros(6), None, r"positions of shape \(6,\), expected"),
+        (1.0, None, r"positions of shape \(\), expected"),
+        ([[1], [2, 3]], None, "positions: expected numbers, found list"),
+        (np.array([[[0.0] * 3] * 2, [[0, 0, 0], [0, np.nan, 1]]]), None, "positions not finite at frame 1"),
+        (np.zeros((5, 2, 3)), np.ones((4, 2, 4)), "reference rotations of 4 frames for positions of 5"),
+        (np.zeros((5, 2, 3)), np.ones((5, 2, 3)), r"reference rotations of shape \(5, 2, 3\), expected \(T, 2, 4\)"),
+        (np.zeros((5, 2, 3)), np.ones((2, 4)), r"reference rotations of shape \(2, 4\), expected"),
+        (np.zeros((1, 2, 3)), np.full((1, 2, 4), np.nan), "reference rotations not finite at frame 0"),
+    ],
+)
+def test_what_no_rotations_can_be_recovered_from(positions, reference, told):
+    with pytest.raises(MotionError, match=told) as error:
+        rotations_from_positions(ONE, positions, reference)
+    assert "\n" not in str(error.value)
+
+
+def test_one_pose_may_be_the_reference_of_all_frames(small_motion):
+    pose = np.tile([1.0, 0, 0, 0], (1, small_motion.skeleton.n_joints, 1))
+    one, each = (
+        rotations_from_positions(small_motion.skeleton, small_motion.positions, reference)
+        for reference in (pose, np.repeat(pose, len(small_motion), 0))
+    )
+    np.testing.assert_array_equal(one, each)
 
 
 def test_bones_take_their_mean_length(small_motion):

@@ -8,8 +8,9 @@ import json
 import numpy as np
 import pytest
 
-from tutorial_lib import data
+from tutorial_lib import data, recipes
 from tutorial_lib.control import (
+    NoGait,
     Sway,
     constant_control,
     control_of,
@@ -21,7 +22,7 @@ from tutorial_lib.control import (
     prepared_path,
     smooth_control,
 )
-from tutorial_lib.errors import MotionError
+from tutorial_lib.errors import MotionError, TutorialError
 from tutorial_lib.metrics import foot_joints, foot_slide
 from tutorial_lib.motion import Motion
 from tutorial_lib.motion.mirror import mirrored
@@ -169,6 +170,84 @@ def test_storing_and_bad_input(walks, sway):
         assert "\n" not in str(caught.value)
     with pytest.raises(MotionError, match=r"control of shape \(5, 2\)"):
         sway.added_to(np.zeros((5, 2)), FPS)
+
+
+def quicker(motion: Motion, factor: float) -> Motion:
+    """As fast along the ground, with more and shorter steps: a smaller body in quicker motion."""
+    return Motion(motion.skeleton, factor * motion.fps, motion.positions / factor)
+
+
+def test_how_much_tempo_differs_is_the_spread(walks):
+    """Two walkers at one speed, one a tenth quicker: each is 0.05 / 1.05 from their mean."""
+    straight = walks[0]
+    assert fit_sway([straight]).spread == pytest.approx(0, abs=1e-6)
+    assert fit_sway([straight, quicker(straight, 1.1)]).spread == pytest.approx(0.05 / 1.05, abs=0.003)
+
+
+def test_what_is_left_of_one_even_walk_is_little_and_of_many_more(walks):
+    one, many = fit_sway(walks[:1]).residual, fit_sway(walks).residual
+    assert (one > 0.01).all() and (one < 0.1).all() and (2 * one < many).all() and (many < 0.5).all(), (one, many)
+
+
+def test_faster_turns_than_were_seen_sway_as_the_fastest_seen(sway):
+    """What the sway adds in the first frame, with the way beginning at the origin."""
+    at = [sway.added_to(constant_control(30, turning=w, forward=1.2), FPS, 0.7) for w in (0.6, 1.2, 2.4)]
+    np.testing.assert_allclose(at[1].start, at[2].start, atol=1e-12)
+    assert at[1].heading == pytest.approx(at[2].heading, abs=1e-12)
+    assert np.linalg.norm(at[0].start - at[1].start) > 5e-4
+
+
+def test_who_runs_faster_than_the_last_knot_sways_too():
+    """4.8 m/s, which the sample runners' fastest frames pass at 39 frames a second."""
+    clips = [dataclasses.replace(clip, fps=39.0) for clip in data.load("samples/running")]
+    found = fit_sway(clips)
+    assert found.speeds[-1] == pytest.approx(4.8) and found.limits.speed > 4.8
+    assert np.isfinite(found.added_to(constant_control(30, forward=4.5), FPS).control).all()
+    assert recipes._sway_of(clips, FPS).speeds[-1] == pytest.approx(4.8), "a vae-lstm brings it"
+
+
+def test_a_recipe_goes_without_a_sway_only_where_no_gait_can_be_had(walks, small_motion, monkeypatch):
+    assert recipes._sway_of([still(200, walks[0])], FPS) is None and recipes._sway_of([small_motion], FPS) is None
+    with pytest.raises(NoGait, match="nobody walks"):
+        fit_sway([still(200, walks[0])])
+
+    def broken(*_):
+        raise MotionError("something else")
+
+    monkeypatch.setattr("tutorial_lib.control.sway.fit_sway", broken)
+    with pytest.raises(MotionError, match="something else"):
+        recipes._sway_of(walks, FPS)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"spread": "x"}, "sway: spread 'x', expected a number of 0 or more"),
+        ({"spread": np.nan}, "sway: spread nan"),
+        ({"frequency": [np.nan, 1.0]}, "sway: frequency not finite"),
+        ({"frequency": ["a", 1.0]}, "sway: frequency: expected numbers"),
+        ({"speeds": [1.0, 0.0]}, r"sway: speeds \[1.0, 0.0\], expected rising ones"),
+        ({"speeds": [0.0, 0.0]}, "expected rising ones"),
+        ({"speeds": 1.0}, "sway at 0 speeds"),
+        ({"offsets": np.full((2, 2, 3, 4), np.inf)}, "sway: offsets not finite"),
+        ({"limits": None}, "sway: limits None, expected Limits"),
+    ],
+)
+def test_what_is_no_sway(wrong, told):
+    fits = {"speeds": [0.0, 1.0], "frequency": [0.5, 1.0], "offsets": np.zeros((2, 2, 3, 4)), "spread": np.float32(0),
+            "residual": np.zeros(3)}  # fmt: skip
+    kept = Sway(**fits).to_dict()
+    with pytest.raises(MotionError, match=told) as error:
+        Sway(**{**fits, **wrong})
+    assert "\n" not in str(error.value)
+    with pytest.raises(MotionError, match="sway: expected speeds, frequency") as error:
+        Sway.from_dict({**kept, **wrong})
+
+
+@pytest.mark.parametrize("harmonics", [0, 1.5, None])
+def test_harmonics_that_are_none(walks, harmonics):
+    with pytest.raises(TutorialError, match="the harmonics of a sway must be a whole number of 1 or more"):
+        fit_sway(walks[:1], harmonics=harmonics)
 
 
 # --- sliding feet, in centimetres a step -----------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -10,15 +11,16 @@ import pytest
 from tutorial_lib import pretrained
 from tutorial_lib.cli import main
 from tutorial_lib.control import find_strides, fit_sway, path_deviation, prepared_path
+from tutorial_lib.data.synthetic import sample_skeleton
 from tutorial_lib.errors import CheckpointError, MotionError, TutorialError
-from tutorial_lib.evaluate_control import gait_of, of_pace, summary
-from tutorial_lib.generate_control import generate_control_features
+from tutorial_lib.evaluate_control import cost, gait_of, measured_walk, of_pace, summary
+from tutorial_lib.generate_control import generate_control_features, generate_from_control
 from tutorial_lib.metrics import bone_length_drift
-from tutorial_lib.motion import read_bvh
+from tutorial_lib.motion import Motion, read_bvh
 from tutorial_lib.motion.ground import PREPARED, read_path
 from tutorial_lib.recipes import Recipe, clips_of
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header, save_checkpoint
-from tutorial_lib.walk import plan_walk, walk
+from tutorial_lib.walk import plan_walk, planted_feet, walk
 
 NAME = "vae-lstm-samples"
 
@@ -107,6 +109,61 @@ def test_another_sway_can_be_given(checkpoint, clips):
     assert find_strides(walk(bare, "circle", sway=fit_sway(clips[0]), clean=False)[0]).steps > 10
 
 
+def test_where_people_slow_down_is_told_at_the_callers_line_each_time(checkpoint):
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("default")  # as Python shows them: the first of each line
+        for make in (plan_walk, plan_walk, walk):
+            make(checkpoint, [[0, 0], [0, 3]], 60.0)
+    line = test_where_people_slow_down_is_told_at_the_callers_line_each_time.__code__.co_firstlineno
+    assert [(one.filename, one.lineno - line) for one in told] == [(__file__, 4)] * 3
+    assert all("60 m/s were asked for" in str(one.message) for one in told)
+
+
+def test_a_foot_that_glides_for_a_moment_is_planted_through():
+    """A walker's foot that stands, glides on for a quarter of a second and stands again: one stance, in one place."""
+    rest = sample_skeleton().rest_pose()
+    way = 0.24 * np.clip((np.arange(90) - 40) / 7, 0, 1)[:, None, None] * np.array([0, 0, 1.0])
+    made = planted_feet(Motion(sample_skeleton(), 30.0, rest - [0, rest[:, 1].min(), 0] + way))
+    toe = made.positions[:, made.skeleton.index("LeftToe")]
+    assert np.ptp(toe[5:-5, 2]) < 1e-3
+
+
+# --- measured -------------------------------------------------------------------------------------
+
+
+def test_what_is_measured_of_a_walk(checkpoint):
+    """Each number once more, from the motions themselves."""
+    found, path = measured_walk(checkpoint, "zigzag", 1.3, count=2, seed=1), prepared_path("zigzag")
+    made = walk(checkpoint, "zigzag", count=2, seed=1, clean=False)
+    away = [path_deviation(motion, path) for motion in made]
+    assert found["deviation"]["mean"] == pytest.approx(np.mean([d.distance.mean() for d in away]))
+    assert found["deviation"]["drift"] == pytest.approx(np.mean([np.abs(d.drift).mean() for d in away]))
+    assert abs(found["deviation"]["drift"] / found["deviation"]["mean"] - 1) > 0.01, "two different things"
+    planned = plan_walk(checkpoint, "zigzag", count=2, seed=1)
+    beginning = {"place": planned.start, "heading": planned.heading, "codes": "held", "seed": 1}
+    alone = generate_from_control(checkpoint, planned.control, integrate="predicted", **beginning)
+    lost = np.mean([path_deviation(motion, path).mean for motion in alone])
+    assert found["deviation"]["predicted"] == pytest.approx(lost) and lost > 2 * found["deviation"]["mean"]
+    assert found["before"] == gait_of(made) and found["after"] == gait_of([planted_feet(motion) for motion in made])
+
+
+def test_the_gait_is_measured_on_the_ground(clips):
+    """Of somebody who rises by 10 cm a second as well: heights that are added up drift, and no foot would stand."""
+    clip = clips[0][0]
+    up = 0.1 * np.arange(len(clip))[:, None, None] / clip.fps * np.array([0, 1.0, 0])
+    level, rising = gait_of([clip]), gait_of([Motion(clip.skeleton, clip.fps, clip.positions + up)])
+    assert rising["contact"] == pytest.approx(level["contact"], abs=0.05) and level["contact"] > 0.9
+    assert rising["slide"] == pytest.approx(level["slide"], rel=0.2)
+
+
+def test_what_it_costs_is_told_without_a_warning(checkpoint):
+    """Of people who have only walked more slowly than it asks for."""
+    slow = dataclasses.replace(checkpoint.sway, limits=dataclasses.replace(checkpoint.sway.limits, speed=0.8))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert cost(dataclasses.replace(checkpoint, sway=slow), 1, seconds=1.0, repeats=1) > 0
+
+
 # --- weights ---------------------------------------------------------------------------------------
 
 
@@ -180,6 +237,14 @@ def test_a_path_from_a_file(tmp_path, capsys):
     np.testing.assert_array_equal(read_path(file), [[0, 0], [1.5, 2], [0, 4]])
     assert main(["walk", "--pretrained", NAME, "--path", str(file), "-o", str(tmp_path / "out")]) == 0
     assert "wrote 1 file " in capsys.readouterr().out
+
+
+def test_a_path_from_a_file_that_turns_back_within_a_step(tmp_path, capsys):
+    file = tmp_path / "drawn.csv"
+    file.write_text("0 0\n0 .01\n0 0\n0 2\n", encoding="utf-8")
+    assert main(["walk", "--pretrained", NAME, "--path", str(file), "-o", str(tmp_path / "out")]) == 0
+    assert "wrote 1 file " in capsys.readouterr().out
+    assert path_deviation(read_bvh(tmp_path / "out/walk-01.bvh"), read_path(file)).mean < 0.1
 
 
 def test_the_first_point_of_a_file_is_not_taken_for_names(tmp_path):

@@ -192,6 +192,12 @@ def test_state_goes_on_exactly():
     assert not torch.equal(again.sample(), theirs)
 
 
+def test_a_generator_of_numpys_is_drawn_from():
+    rng = np.random.default_rng(7)
+    sampler, seeded = (WindowSampler([clock(70)], POSITIONS, length=5, batch=4, seed=seed) for seed in (rng, 7))
+    assert sampler.rng is rng and torch.equal(sampler.sample(), seeded.sample())
+
+
 def test_short_clips_are_left_out_with_one_warning():
     clips = [clock(16, name="short"), clock(17, first=100, name="long")]  # needed: 4 * 4 + 1 frames
     with pytest.warns(UserWarning, match="1 of 2 clips left out.* 5 frames: 'short'$") as warned:
@@ -228,6 +234,13 @@ def test_refuses_what_it_cannot_sample():
         make([])
     with pytest.raises(DataError, match="0 frames"):
         make([clock(70)], length=0)
+    for size in (np.nan, 10.5, -1, None, True):
+        told = rf"{size} frames in batches of 2: expected whole numbers, at least 1 of each"
+        with pytest.raises(DataError, match=told):
+            make([clock(70)], length=size)
+        with pytest.raises(DataError, match=f"5 frames in batches of {size}: expected whole numbers"):
+            make([clock(70)], batch=size)
+    assert make([clock(70)], length=np.int64(5)).sample().shape[:2] == (2, 5)
     with pytest.raises(DataError, match="above zero"):
         make([clock(70)], rates=(30, -1))
     with pytest.raises(DataError, match="4 channels .* 6"):

@@ -22,6 +22,7 @@ import numpy as np
 from scipy import ndimage
 
 from . import metrics
+from .chance import is_real
 from .errors import MotionError
 from .motion.clip import Motion
 from .motion.ik import rotations_from_positions
@@ -135,6 +136,8 @@ def grounded(motion: Motion, seconds: float = GROUND_SECONDS) -> Motion:
     The ground is found as in ``Motion.settled``, the lowest node without what rises and comes down again within
     ``seconds``, and then smoothed over as long (a Gaussian), so that no tremble of a foot shakes the whole body.
     """
+    if not (is_real(seconds) and 0 <= seconds < np.inf):
+        raise MotionError(f"grounded: a ground over {seconds!r} seconds, expected a number of 0 or more")
     size = max(1, round(seconds * motion.fps))
     ground = ndimage.grey_opening(motion.positions[:, :, 1].min(1), size=size | 1, mode="nearest")
     ground = ndimage.gaussian_filter1d(ground, size / 2, mode="nearest")
@@ -151,7 +154,8 @@ def contact_stretches(motion: Motion, nodes: Sequence[int], bridge: float = 0.0)
     Hysteresis: a contact begins and ends where the rule of :func:`tutorial_lib.metrics.foot_contacts` holds loosely
     (less than 3 cm above the node's standing height, slower than 1 m/s along the ground), and somewhere inside it
     holds strictly (2 cm, 0.8 m/s). Gaps and touches shorter than ``SHORTEST`` are none. A foot that glides farther
-    than ``FARTHEST`` gets several stretches, with ``BLEND`` seconds between them to move on.
+    than ``FARTHEST`` in a touch gets several stretches, with ``BLEND`` seconds between them to move on; these may be
+    shorter than ``SHORTEST``, a single frame where it glides fast.
 
     bridge: seconds; a gap that is no longer, in which the node stays below ``LOW``, and that begins and ends within
     ``FARTHEST``, is no lift either: it glided for a moment, as generated feet do.

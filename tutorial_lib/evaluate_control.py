@@ -156,7 +156,9 @@ def cost(checkpoint: Checkpoint, count: int, seconds: float = SECONDS, repeats: 
     three times that, of calls.
     """
     fps = checkpoint.representation.fps
-    planned = plan_walk(checkpoint, np.array([[0.0, 0.0], [0.0, 1.3 * seconds]]), 1.3, count=count)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of people who have only walked more slowly
+        planned = plan_walk(checkpoint, np.array([[0.0, 0.0], [0.0, 1.3 * seconds]]), 1.3, count=count)
     control = planned.control[:, : round(seconds * fps)]
     spent = []
     with torch_threads(1):

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .chance import check_whole, seeded
+from .chance import check_whole, is_real, seeded
 from .data.windows import Normalizer
 from .errors import CheckpointError, MotionError, TutorialError
 from .generate import prepare_for, representation_of
@@ -295,15 +295,21 @@ def first_poses(checkpoint: Checkpoint, start: Motion | Sequence[Motion], count:
 def check_control(checkpoint: Checkpoint, control: np.ndarray | Tensor, *, fps: float | None = None) -> np.ndarray:
     """``control`` as float32 ``(T, C)`` or ``(K, T, C)`` if the network can follow it, else ``MotionError``."""
     model, representation = control_network(checkpoint), representation_of(checkpoint)
-    values = np.asarray(control, dtype=np.float32)
+    try:
+        values = np.asarray(control, dtype=np.float32)
+    except (TypeError, ValueError):  # ragged, or text
+        raise MotionError(
+            f"control: expected numbers, an array (frames, channels), found {type(control).__name__}"
+        ) from None
     names = representation.labels[slice(*model.config.control)]
     if values.ndim not in (2, 3) or values.shape[-1] != len(names) or values.shape[-2] < 1:
         raise MotionError(
             f"control of shape {values.shape}: the network follows (frames, {len(names)}), {', '.join(names)}"
         )
-    if fps is not None and abs(fps - representation.fps) > 1e-3 * representation.fps:
+    if fps is not None and not (is_real(fps) and abs(fps - representation.fps) <= 1e-3 * representation.fps):
+        told = f"{fps:g}" if is_real(fps) else repr(fps)
         raise MotionError(
-            f"control at {fps:g} frames per second, the network was trained at {representation.fps:g}: expected that"
+            f"control at {told} frames per second, the network was trained at {representation.fps:g}: expected that"
         )
     if not np.isfinite(values).all():
         frame, channel = np.argwhere(~np.isfinite(values))[0][-2:]

@@ -34,7 +34,7 @@ DEFAULTS: Mapping[str, Any] = {
 }  # fmt: skip
 NORMALIZE = ("auto", "on", "off")
 JOINTS = ("own", "common")
-JOINED_SECONDS = 600.0
+JOINED_SECONDS = 600.0  # of clips, before the joins cut them
 
 
 @dataclasses.dataclass(frozen=True)
@@ -449,12 +449,16 @@ def check_same_clips(
 
 
 def _sway_of(clips: Sequence[Motion], fps: float) -> Sway | None:
-    """How the people in the clips sway as they walk; None where nobody walks in them."""
+    """How the people in the clips sway as they walk; None where nobody walks, or no feet are known to see it by."""
+    from .control.signals import NoGait
     from .control.sway import fit_sway
+    from .motion.skeletons import recognise
 
+    if recognise(clips[0].skeleton) is None:
+        return None
     try:
         return fit_sway(clips, fps)
-    except MotionError:
+    except NoGait:
         return None
 
 
@@ -512,7 +516,8 @@ def _begin_with(system: System, first: Checkpoint) -> None:
 
 
 def _one_after_another(clips: Sequence[Motion], recipe: Recipe) -> list[Motion]:
-    """The clips as one that goes on and on, twice through or more, for ``JOINED_SECONDS`` at least."""
+    """The clips as one that goes on and on, twice through or more: ``JOINED_SECONDS`` of them at least, before
+    :func:`~tutorial_lib.motion.join.playlist` cuts them where they are joined, so that it is shorter than that."""
     from .motion.join import playlist
 
     seconds = max(JOINED_SECONDS, 2 * sum(clip.duration for clip in clips))

@@ -12,6 +12,7 @@ from .path import PathControl, control_from_path, path_control
 from .signals import (
     LIMITS,
     Limits,
+    NoGait,
     check_control,
     constant_control,
     control_of,
@@ -26,6 +27,7 @@ from .sway import Sway, Swaying, fit_sway
 __all__ = [
     "LIMITS",
     "Limits",
+    "NoGait",
     "PathControl",
     "PathDeviation",
     "Strides",

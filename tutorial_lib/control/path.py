@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..chance import is_real
 from ..errors import MotionError
 from ..motion.ground import GroundPath, braked, check_path, path_length
 from ..representations import measure_control
@@ -83,7 +84,7 @@ def _planned(points, pace, fps, rounding, rest, limits) -> PathControl:
     points, fps = check_path(points), check_fps(fps)
     pace = _checked_pace(pace, len(points))
     rounding = 0.2 + 0.1 * min(float(np.mean(pace)), limits.speed) if rounding is None else rounding
-    if not (isinstance(rounding, int | float) and 0 <= rounding <= 10):
+    if not (is_real(rounding) and 0 <= rounding <= 10):
         raise MotionError(f"path: rounding {rounding!r}, expected metres from 0 to 10")
     curve = GroundPath(points, float(rounding), closed=_goes_on(points))
     s, place, angle = curve.samples

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
@@ -10,6 +11,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from ..chance import is_real, is_whole
 from ..errors import MotionError
 from ..motion.clip import Motion
 from ..motion.ground import BRAKE, SIDEWAYS_LIMIT, TURNING_LIMIT
@@ -17,12 +19,19 @@ from ..representations import HipFrame, integrate_control, measure_control
 
 SWAY_BLUR = 0.35  # s, standard deviation of a Gaussian that leaves a seventh of a walker's sway
 LONGEST_TIME = 3600.0  # s of one control
+_PACKAGE = __name__.partition(".")[0]
+
+
+class NoGait(MotionError):
+    """Clips that no gait can be learnt from: nobody walks in them, or none is long enough."""
 
 
 @dataclass(frozen=True)
 class Limits:
     """What people can do: no control made here exceeds it (turning by a few per cent at most, where speed changes).
 
+    But for acceleration: only the pace along a path is held to it (:func:`path_control`), and there only a path that is
+    rounded (with ``rounding`` 0 the step round a corner is a jump). Sliders change as suddenly as they are told to.
     speed: m/s. The fastest running of the CMU and Bandai-Namco clips is 4.0 and 4.4.
     turning: rad/s; sideways: m/s2 towards the inside of a turn, speed times turning; acceleration: m/s2 along the path.
     ``motion.ground`` says where those are from. :func:`limits_of` measures all four of clips.
@@ -37,8 +46,9 @@ class Limits:
     def __post_init__(self):
         for one in fields(self):
             value = getattr(self, one.name)
-            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+            if not (is_real(value) and math.isfinite(value) and value > 0):
                 raise MotionError(f"limits: {one.name} {value!r}, expected a number above zero")
+            object.__setattr__(self, one.name, float(value))
 
 
 LIMITS = Limits()
@@ -65,7 +75,7 @@ def smooth_control(control: np.ndarray, fps: float, seconds: float = SWAY_BLUR) 
     Measured control sways, since hip and shoulders do; one made from a path does not. Holden et al. 2016 (section 4)
     smooth the direction over time for the same reason. seconds: standard deviation of the Gaussian.
     """
-    control = np.asarray(control, np.float64)
+    control, seconds = numbers_of(control, "control"), _check_seconds("smooth_control: a blur", seconds)
     place, angle = integrate_control(control, check_fps(fps))
     if place.shape[-2] < 2 or seconds * fps == 0:
         return control.copy()
@@ -83,9 +93,12 @@ def blurred(values: np.ndarray, fps: float, seconds: float = SWAY_BLUR) -> np.nd
 def limits_of(motions: Iterable[Motion], fps: float = 30.0, quantile: float = 0.99) -> Limits:
     """What the people in some clips do, a stride's sway taken out: the ``quantile`` of each of the four limits.
 
-    A network can be asked for what it was trained on. Raises ``MotionError`` where no clip is longer than two seconds'
-    blur.
+    A network can be asked for what it was trained on. Raises :class:`NoGait`, a ``MotionError``, where no clip is
+    longer than twice what the blur spoils at an end, 0.8 s in all.
     """
+    fps = check_fps(fps)
+    if not (is_real(quantile) and 0 <= quantile <= 1):
+        raise MotionError(f"limits_of: quantile {quantile!r}, expected a number from 0 to 1")
     edge = math.ceil(SWAY_BLUR * fps)  # what lies beyond the clip's ends shows up to here
     rows = []
     for motion in motions:
@@ -95,7 +108,7 @@ def limits_of(motions: Iterable[Motion], fps: float = 30.0, quantile: float = 0.
             inside = speed * np.abs(turning)
             rows.append(np.stack([speed, np.abs(turning), inside, np.abs(np.gradient(speed, 1 / fps))], -1))
     if not rows:
-        raise MotionError(f"limits_of: no clip of more than {2 * edge + 1} frames at {fps:g} frames per second")
+        raise NoGait(f"limits_of: no clip of more than {2 * edge + 1} frames at {fps:g} frames per second")
     return Limits(*(max(float(v), 1e-3) for v in np.quantile(np.concatenate(rows), quantile, axis=0)))
 
 
@@ -112,10 +125,14 @@ def constant_control(
     limits: Limits = LIMITS,
 ) -> np.ndarray:
     """The same control at every frame, ``(frames, 3)``: rad/s, m/s, m/s. Limited as :func:`limit_control` does."""
-    if not (isinstance(frames, int | np.integer) and 1 <= frames <= LONGEST_TIME * 1000):
+    if not (is_whole(frames) and 1 <= frames <= LONGEST_TIME * 1000):
         raise MotionError(f"control of {frames!r} frames: expected a whole number above zero")
-    one = np.array([[turning, forward, sideways]], dtype=np.float64)
-    control, note = _limited(np.repeat(one, frames, 0), check_fps(fps), limits)
+    one = {"turning": turning, "forward": forward, "sideways": sideways}
+    values = [numbers_of(value, name) for name, value in one.items()]
+    for name, value in zip(one, values, strict=True):
+        if value.ndim:
+            raise MotionError(f"{name} of shape {value.shape}: expected a number")
+    control, note = _limited(np.repeat([values], frames, 0), check_fps(fps), limits)
     tell(note)
     return control
 
@@ -128,7 +145,7 @@ def piecewise_control(
 
     blend: seconds in which one goes over into the next, evenly. Limited as :func:`limit_control` does.
     """
-    fps = check_fps(fps)
+    fps, blend = check_fps(fps), _check_seconds("piecewise_control: a blend", blend)
     table = numbers_of(pieces, "pieces")
     if table.ndim != 2 or table.shape[1] != 4 or not len(table):
         raise MotionError(f"pieces of shape {table.shape}: expected rows of (seconds, turning, forward, sideways)")
@@ -193,9 +210,15 @@ def check_control(control: np.ndarray) -> np.ndarray:
 
 
 def check_fps(fps) -> float:
-    if not (isinstance(fps, int | float | np.number) and math.isfinite(fps) and 1 <= fps <= 1000):
+    if not (is_real(fps) and math.isfinite(fps) and 1 <= fps <= 1000):
         raise MotionError(f"control: {fps!r} frames per second, expected 1 to 1000")
     return float(fps)
+
+
+def _check_seconds(what: str, seconds) -> float:
+    if not (is_real(seconds) and 0 <= seconds <= LONGEST_TIME):
+        raise MotionError(f"{what} of {seconds!r} s, expected 0 to {LONGEST_TIME:g}")
+    return float(seconds)
 
 
 def numbers_of(values, what: str) -> np.ndarray:
@@ -206,6 +229,15 @@ def numbers_of(values, what: str) -> np.ndarray:
 
 
 def tell(note: str) -> None:
-    """One warning, of the line in which the user's call stands, where something was limited."""
-    if note:
-        warnings.warn(note, stacklevel=3)
+    """One warning, of the line in which the user's call stands, where something was limited.
+
+    That line is the first outside of this package, however deep inside it the limit is. It is told each time: Python's
+    own note of what a line has warned of, which would keep the second time silent, is not kept.
+    """
+    if not note:
+        return
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == _PACKAGE:
+        frame = frame.f_back
+    module = frame.f_globals.get("__name__")
+    warnings.warn_explicit(note, UserWarning, frame.f_code.co_filename, frame.f_lineno, module, registry={})

@@ -21,10 +21,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..chance import check_whole, is_real
 from ..errors import MotionError
 from ..motion.clip import Motion
 from ..representations import heading, heading_joints, integrate_control, measure_control
-from .signals import LIMITS, SWAY_BLUR, Limits, blurred, check_control, check_fps, limits_of
+from .signals import LIMITS, SWAY_BLUR, Limits, NoGait, blurred, check_control, check_fps, limits_of, numbers_of
 from .strides import find_strides
 
 HARMONICS = 4  # of the stride
@@ -56,7 +57,7 @@ class Sway:
     share by which the frequency differs from one walk to another (standard deviation). residual: ``(3,)`` what of the
     clips' sway, as speeds, is not explained, as a share of it (root mean square). limits: of the clips
     (:func:`limits_of`): for more than that a network should not be asked.
-    Raises ``MotionError`` for shapes that do not fit.
+    Raises ``MotionError`` for shapes that do not fit, numbers that are none or not finite, and speeds that do not rise.
     """
 
     speeds: np.ndarray
@@ -68,14 +69,23 @@ class Sway:
 
     def __post_init__(self):
         for name in ("speeds", "frequency", "offsets", "residual"):
-            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
-        count = len(self.speeds)
+            object.__setattr__(self, name, np.array(numbers_of(getattr(self, name), f"sway: {name}")))
+        count = len(self.speeds) if self.speeds.ndim == 1 else 0
         fits = self.frequency.shape == (count,) and self.offsets.shape[:3] == (count, 2, 3) and count >= 2
         if not (fits and self.offsets.ndim == 4 and self.offsets.shape[-1] % 2 == 0 and self.residual.shape == (3,)):
             raise MotionError(
                 f"sway at {count} speeds with frequencies {self.frequency.shape} and offsets {self.offsets.shape}: "
                 "expected K speeds, (K,) and (K, 2, 3, 2 N)"
             )
+        for name in ("speeds", "frequency", "offsets"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise MotionError(f"sway: {name} not finite, expected numbers")
+        if not (np.diff(self.speeds) > 0).all():
+            raise MotionError(f"sway: speeds {self.speeds.tolist()}, expected rising ones")
+        if not (is_real(self.spread) and 0 <= self.spread < np.inf):
+            raise MotionError(f"sway: spread {self.spread!r}, expected a number of 0 or more")
+        if not isinstance(self.limits, Limits):
+            raise MotionError(f"sway: limits {self.limits!r}, expected Limits")
 
     # -- use ---------------------------------------------------------------------------------------------
 
@@ -131,16 +141,20 @@ def fit_sway(motions: Iterable[Motion], fps: float = 30.0, harmonics: int = HARM
     been taken, so that what the blur leaves of the sway is not missing. Their speeds are fitted, which a network sees,
     and in which the corners that a blur cuts weigh little. Amplitudes and frequency are linear in the speed between
     knots 0.4 m/s apart, smoothed by differences from knot to knot, and nobody sways who stands.
-    Raises ``MotionError`` where nobody walks in any clip.
+    Raises :class:`NoGait`, a ``MotionError``, where nobody walks for 0.4 s (``LEAST``) in any clip, slow frames and
+    sharp turns not counted, and where no clip is long enough for its limits.
     """
     fps = check_fps(fps)
+    check_whole("the harmonics of a sway", harmonics)
     motions = list(motions)
     rows = [row for motion in motions if (row := _swaying(motion, fps, harmonics)) is not None]
     if not rows:
-        raise MotionError("fit_sway: nobody walks in these clips: expected steps of 10 cm and more, for two seconds")
+        raise NoGait(
+            f"fit_sway: nobody walks in these clips: expected steps of 10 cm and more, for {LEAST:g} s in one of them"
+        )
     speed, turning, rate, wanted, waves = (np.concatenate(column) for column in list(zip(*rows, strict=True))[:5])
     hats = _hats(speed, KNOTS)
-    top = max(2, int(np.searchsorted(KNOTS, speed.max())) + 1)
+    top = min(len(KNOTS), max(2, int(np.searchsorted(KNOTS, speed.max())) + 1))  # who is faster than all sways alike
     hats = np.c_[hats[:, : top - 1], hats[:, top - 1 :].sum(1)]
     smooth = _smoothing(top) * np.sqrt(len(speed) * SMOOTH)
     frequency = np.linalg.lstsq(np.r_[hats, smooth], np.r_[rate, np.zeros(len(smooth))], rcond=None)[0]

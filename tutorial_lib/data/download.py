@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import pathlib
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from urllib.parse import urlsplit
@@ -58,27 +59,37 @@ def default_cache() -> pathlib.Path:
 def download_files(files: Sequence[RemoteFile], cache: str | os.PathLike) -> None:
     """Bring every one of ``files`` into the folder ``cache``; what is there and right stays as it is.
 
-    A cut-off download leaves ``NAME.part`` and goes on from there next time. A file appears under its name
-    only when whole and right. Where no checksum is published, that of the first download is recorded in
-    ``checksums.json`` in ``cache`` and held to from then on.
+    A cut-off download leaves ``NAME.part`` and goes on from there next time, if there is a checksum to hold it to. A
+    file appears under its name only when whole and right. Where no checksum is published, that of the first download is
+    recorded in ``checksums.json`` in ``cache`` and held to from then on. A folder in which all is there and right
+    is only read, so it may be one that cannot be written.
 
     Raises ``DownloadError`` for the first file that cannot be had (the files before it stay) and for a
     folder that cannot be written; ``DataError`` for a damaged ``checksums.json``.
     """
     cache = pathlib.Path(cache)
     try:
+        expected = _expected(files, _read_record(cache))
+        missing = [f for f in files if not _is_right(cache / f.name, expected[f.name])]
+        if not missing and None not in expected.values():
+            return
         cache.mkdir(parents=True, exist_ok=True)
         with _one_process_at_a_time(cache), _quiet(pooch.get_logger()):
-            _download_files(files, cache)
+            _download_files(files, missing, cache)
     except OSError as error:
         raise DownloadError(f"cannot write to {error.filename or cache}: {error.strerror or error}") from None
 
 
-def _download_files(files: Sequence[RemoteFile], cache: pathlib.Path) -> None:
+def _expected(files: Sequence[RemoteFile], recorded: dict[str, str]) -> dict[str, str | None]:
+    return {f.name: f.sha256 or recorded.get(f.name) for f in files}
+
+
+def _download_files(files: Sequence[RemoteFile], missing: Sequence[RemoteFile], cache: pathlib.Path) -> None:
+    """missing: those of ``files`` that were not right before this process had its turn, and may be by now."""
     recorded = _read_record(cache)
-    expected = {f.name: f.sha256 or recorded.get(f.name) for f in files}
+    expected = _expected(files, recorded)
     store = pooch.create(cache, base_url="", registry=expected, urls={f.name: f.url for f in files}, retry_if_failed=0)
-    missing = [f for f in files if not _is_right(cache / f.name, expected[f.name])]
+    missing = [f for f in missing if not _is_right(cache / f.name, expected[f.name])]
     if missing and offline():
         raise DownloadError(f"{OFFLINE} is set")
     sizes = [f.size for f in missing]
@@ -116,6 +127,10 @@ class ResumingDownloader:
     Bytes go to ``target`` + ``.part``; what is there already is not asked for again (HTTP ``Range``), and a
     connection that breaks is taken up again as long as each attempt brings something. The checksum is
     compared before pooch gets the file; on a mismatch the part is removed.
+
+    Without a checksum nothing but the server tells whether a file is whole and of one piece. Then a part from before is
+    thrown away, a connection is taken up again only for the very file that it broke off in (HTTP ``If-Range``), and an
+    answer must say how long it is, or end as one in chunks does.
     """
 
     origin = ""  # where the expected checksum comes from, for the error
@@ -133,13 +148,26 @@ class ResumingDownloader:
         self.sha256, self.size = sha256, size
         self.session = session or requests
         self.bar = bar
+        self._version: str | None = None  # of the file at the server, what If-Range asks for
 
     def __call__(self, url: str, output_file: str | os.PathLike, _: object = None) -> None:
         """As pooch calls it: the bytes at ``url`` become the file ``output_file``; else ``DownloadError``."""
-        if self.size is None or self._had() != self.size:  # else cut off between the last byte and the check
-            self._receive_all(url)
-        else:
-            self._progress(self.size)
+        if self.sha256 is None:
+            self.part.unlink(missing_ok=True)
+        resumed = self._had() > 0
+        try:
+            if resumed and self._had() == self.size:  # cut off between the last byte and the check
+                self._progress(self.size)
+            else:
+                self._receive_all(url)
+            if resumed and not _is_right(self.part, self.sha256):  # the old part is to blame, or so it may be
+                self._progress(-self._had())
+                self.part.unlink()
+                self._receive_all(url)
+        except DownloadError:
+            if self.sha256 is None:
+                self.part.unlink(missing_ok=True)
+            raise
         self._check(url)
         os.replace(self.part, output_file)
 
@@ -147,40 +175,81 @@ class ResumingDownloader:
         return self.part.stat().st_size if self.part.exists() else 0
 
     def _receive_all(self, url: str) -> None:
-        for attempt in range(1, ATTEMPTS + 1):
-            before = self._had()
+        failed = 0
+        while True:
+            before = self._had() if self.sha256 or self._version else 0
             try:
                 if self._receive(url, before):
                     return
+                if self._had() > before:  # a piece of what was asked for; on to the next
+                    continue
+                failed += 1
             except requests.RequestException as error:
-                if attempt == ATTEMPTS or self._had() <= before:
-                    kept = f", {self._had()} bytes are kept to go on from" if self._had() else ""
+                failed += 1
+                if failed == ATTEMPTS or self._had() <= before:
+                    kept = f", {self._had()} bytes are kept to go on from" if self._had() and self.sha256 else ""
                     raise DownloadError(f"{_reason(url, error)}{kept}") from None
-        raise DownloadError(f"{url}: the server keeps sending other bytes than were asked for")
+            if failed == ATTEMPTS:
+                raise DownloadError(f"{url}: the server keeps sending other bytes than were asked for")
 
     def _receive(self, url: str, offset: int) -> bool:
-        """One request, for the bytes from ``offset`` on; whether they came (if not, ask from zero again)."""
+        """One request, for the bytes from ``offset`` on; whether that was all (if not, ask on, or from zero again)."""
         headers = {"Accept-Encoding": "identity"}  # a compressed answer could not be resumed by offset
         if offset:
             headers["Range"] = f"bytes={offset}-"
-        with self.session.get(url, headers=headers, stream=True, timeout=TIMEOUT) as answer:
+            if self.sha256 is None:
+                headers["If-Range"] = self._version
+        with self._get(url, headers) as answer:
             span = answer.headers.get("Content-Range", "")
             if answer.status_code == 416 and offset:  # nothing after it: all there, or another file's part
                 if span == f"bytes */{offset}":
+                    self._progress(offset)
                     return True
                 self.part.unlink()
                 return False
             answer.raise_for_status()
-            if answer.status_code == 206 and not span.startswith(f"bytes {offset}-"):
+            if answer.status_code != 206:
+                # the whole file, whatever was asked for
+                etag = answer.headers.get("ETag", "W/")
+                self._version = answer.headers.get("Last-Modified") if etag.startswith("W/") else etag
+                self._append(answer, 0, self._length(url, answer))
+                return True
+            piece = re.fullmatch(rf"bytes {offset}-(\d+)/(\d+|\*)", span.strip())
+            if not piece:
                 self.part.unlink(missing_ok=True)
                 return False
-            if answer.status_code != 206:
-                offset = 0  # the whole file, whatever was asked for
-            self._append(answer, offset)
-        return True
+            end = int(piece[1]) + 1
+            self._append(answer, offset, end - offset)
+            if piece[2] == str(end) == str(self._had()):
+                return True
+            self._progress(-end)  # it counts again with the next piece
+            return False
 
-    def _append(self, answer: requests.Response, offset: int) -> None:
-        """The body of ``answer`` to the part from ``offset`` on, as far as it comes."""
+    def _get(self, url: str, headers: dict[str, str]) -> requests.Response:
+        try:
+            return self.session.get(url, headers=headers, stream=True, timeout=TIMEOUT)
+        except requests.RequestException:
+            raise
+        except ValueError as error:  # requests lets through what is wrong with an address that it is sent on to
+            raise DownloadError(f"{url} leads to an address that is none: {' '.join(str(error).split())}") from None
+
+    def _length(self, url: str, answer: requests.Response) -> int | None:
+        """Bytes of a whole file; None where chunks tell its end, or a checksum does."""
+        if "chunked" in answer.headers.get("Transfer-Encoding", "").lower():
+            return None
+        told = answer.headers.get("Content-Length", "").strip()
+        if told.isascii() and told.isdigit():
+            return int(told)
+        if self.sha256 is None and self.size is None:
+            said = f"Content-Length {told[:40]!r}" if told else "no Content-Length"
+            raise DownloadError(
+                f"{url}: {said}, and no checksum is known: expected an answer that says how long it is, or a cut "
+                "would not be noticed; nothing was kept"
+            )
+        return self.size
+
+    def _append(self, answer: requests.Response, offset: int, length: int | None) -> None:
+        """The body of ``answer``, so many bytes, to the part from ``offset`` on, as far as it comes."""
         received = 0
         self._progress(offset)
         try:
@@ -189,8 +258,7 @@ class ResumingDownloader:
                     out.write(chunk)
                     received += len(chunk)
                     self._progress(len(chunk))
-            length = answer.headers.get("Content-Length")
-            if length is not None and received < int(length):
+            if length is not None and received < length:
                 raise requests.ConnectionError(f"cut off after {received} of {length} bytes")
         except requests.RequestException:
             self._progress(-(offset + received))  # it counts again when it is resumed
@@ -228,7 +296,10 @@ def offline() -> bool:
 
 def _reason(url: str, error: requests.RequestException) -> str:
     """One short line for what requests tells in several."""
-    host = urlsplit(url).hostname
+    try:
+        host = urlsplit(url).hostname
+    except ValueError:
+        host = url
     if error.response is not None:
         return f"{url} answered {error.response.status_code} {error.response.reason}"
     if isinstance(error, requests.ConnectTimeout):

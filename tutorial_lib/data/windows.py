@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import torch
 
-from ..chance import whole_seed
+from ..chance import is_whole, whole_seed
 from ..errors import DataError, TutorialError
 from ..motion.clip import Motion, some_names, whole_ratio
 from ..motion.rotations import Array, quat_about_y, quat_mul
@@ -166,8 +166,10 @@ class WindowSampler:
         groups: Sequence[int] | None = None,
         pad: bool = False,
     ):
-        if length < 1 or batch < 1:
-            raise DataError(f"windows of {length} frames in batches of {batch}: expected at least 1 of each")
+        if not all(is_whole(size) and size >= 1 for size in (length, batch)):
+            raise DataError(
+                f"windows of {length!r} frames in batches of {batch!r}: expected whole numbers, at least 1 of each"
+            )
         if normalizer is not None and normalizer.dim != representation.dim:
             raise DataError(
                 f"normalizer of {normalizer.dim} channels for the representation {representation.name!r} of "
@@ -179,7 +181,7 @@ class WindowSampler:
         self.representation, self.normalizer = representation, normalizer
         self.length, self.batch, self.rotate, self.rates = int(length), int(batch), bool(rotate), tuple(rates)
         self.pad = bool(pad)
-        self.rng = np.random.default_rng(whole_seed(seed))
+        self.rng = seed if isinstance(seed, np.random.Generator) else np.random.default_rng(whole_seed(seed))
         motions = list(motions)
         groups = [0] * len(motions) if groups is None else list(groups)
         if len(groups) != len(motions):

@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from ..chance import is_real, is_whole
 from ..errors import MotionError
 
 # How people slow down where a path turns; both as the sample walkers and runners do it. Measured, with a stride's
@@ -25,6 +26,8 @@ LONGEST = 10_000.0  # metres of a path; longer ones are in other units
 
 _STEP = 0.02  # metres between the points of the resampled path
 _SHORTEST = 0.05  # metres
+_SAME = 1e-9  # metres; points nearer to each other are one
+_MOST_TURNS = 10_000
 
 
 def check_path(path) -> np.ndarray:
@@ -60,7 +63,12 @@ class GroundPath:
     def __init__(self, points: np.ndarray, rounding: float, closed: bool | None = None):
         """points: (N, 2) x and z in metres; rounding: metres of blur that take the sharp corners off; closed: whether
         to go round and round (None: where the ends meet)."""
-        points = _resampled(points)
+        given, points = len(points), _resampled(points)
+        apart = np.linalg.norm(points - points[0], axis=1) > _SAME
+        if not apart.any():
+            raise MotionError(
+                f"path of {given} points: goes to and fro within {100 * _STEP:g} cm, nothing is left of it"
+            )
         meet = len(points) > 25 and np.linalg.norm(points[0] - points[-1]) < 0.05
         self._closed = bool(meet) if closed is None else closed
         if self._closed:
@@ -74,13 +82,20 @@ class GroundPath:
         else:
             run = int(4 * rounding / _STEP) + 2
             steps = _STEP * np.arange(1, run + 1)[:, None]
-            first, last = points[0] - points[1], points[-1] - points[-2]
+            # a path may turn back within a step: then two samples are one, and the next ones tell the direction
+            first = points[0] - points[apart.argmax()]
+            apart = np.linalg.norm(points[::-1] - points[-1], axis=1) > _SAME
+            last = points[-1] - points[::-1][apart.argmax()]
             before = points[0] + steps[::-1] * first / np.linalg.norm(first)
             after = points[-1] + steps * last / np.linalg.norm(last)
             points = _blurred(np.concatenate([before, points, after]), rounding)[run:-run]
         self._points = points
         self._s = np.concatenate([[0.0], np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum()])
         d = np.gradient(points, axis=0) if not self._closed else _wrapped_gradient(points)
+        if not self._closed:
+            for end, ahead in ((0, -first), (-1, last)):
+                if np.linalg.norm(d[end]) <= _SAME:
+                    d[end] = ahead
         heading = np.unwrap(np.arctan2(d[:, 0], d[:, 1]))
         if self._closed:
             n, turn = len(heading) - 1, heading[-1] - heading[0]
@@ -140,13 +155,20 @@ def braked(limit: np.ndarray, s: np.ndarray, brake: float = BRAKE) -> np.ndarray
 def path_offset(points: np.ndarray, path: np.ndarray) -> np.ndarray:
     """How far ``(T, 2)`` points are from a path ``(N, 2)``, metres ``(T,)``: positive to the left of its direction.
 
-    The distance is to the nearest place of the line, not to the nearest of its points.
+    The distance is to the nearest place of the line, not to the nearest of its points. Where that is a corner, left is
+    to the left of both pieces' directions, taken together: outside of a sharp one each alone would be wrong somewhere.
     """
     points, path = np.asarray(points, float), check_path(path)
     along = np.diff(path, axis=0)  # (S, 2)
     kept = (along**2).sum(-1) > 0
     (x, z), (dx, dz) = path[:-1][kept].T, along[kept].T
     square = dx**2 + dz**2
+    unit = along[kept] / np.sqrt(square)[:, None]
+    # at each point of the path (S + 1, 2), if it is a corner sharper than 90 degrees: its two directions' sum, else 0
+    before, after = np.concatenate([unit[-1:], unit]), np.concatenate([unit, unit[:1]])
+    corner = (before + after) * ((before * after).sum(1) < 0)[:, None]
+    if not np.allclose(path[0], path[-1], rtol=0, atol=_SAME):
+        corner[[0, -1]] = 0.0
     out = np.empty(len(points))
     rows = max(1, 50_000 // len(x))  # what the processor's cache holds
     for i in range(0, len(points), rows):
@@ -156,6 +178,10 @@ def path_offset(points: np.ndarray, path: np.ndarray) -> np.ndarray:
         nearest = distance.argmin(1)
         at = np.arange(len(nearest)), nearest
         cross = dz[nearest] * px[at] - dx[nearest] * pz[at]  # x is to the left of z
+        for end in (0, 1):
+            to = corner[nearest + end]
+            over = to[:, 1] * (px[at] - end * dx[nearest]) - to[:, 0] * (pz[at] - end * dz[nearest])
+            cross = np.where((share[at] == end) & (np.abs(to).sum(1) > _SAME), over, cross)  # 0 too for a turn back
         out[i : i + rows] = np.sqrt(distance[at]) * np.where(cross < 0, -1.0, 1.0)
     return out
 
@@ -164,12 +190,17 @@ def path_offset(points: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def circle(radius: float = 2.0, turns: float = 1.0) -> np.ndarray:
-    """A circle, or some ``turns`` of it, (200, 2): from the origin along +z, to the left for a positive radius."""
-    if not (np.isfinite([radius, turns]).all() and radius != 0 and turns > 0):
+    """A circle, or some ``turns`` of it, (N, 2): from the origin along +z, to the left for a positive radius.
+
+    N is 200, or of more than one turn 199 for each, and one.
+    """
+    known = is_real(radius) and is_real(turns)
+    if not (known and np.isfinite(radius) and radius != 0 and 0 < turns <= _MOST_TURNS):
         raise MotionError(
-            f"circle of radius {radius} m and {turns} turns: expected a radius other than 0, turns above 0"
+            f"circle of radius {radius!r} m and {turns!r} turns: expected a radius other than 0, turns above 0 and at "
+            f"most {_MOST_TURNS}"
         )
-    a = np.linspace(0.0, 2 * np.pi * turns, 200)
+    a = np.linspace(0.0, 2 * np.pi * turns, max(200, int(np.ceil(199 * turns)) + 1))
     return np.stack([radius * (1 - np.cos(a)), abs(radius) * np.sin(a)], -1)
 
 
@@ -188,13 +219,13 @@ def zigzag(legs: int = 5, leg: float = 3.0, turn: float = np.pi / 2, radius: flo
     that somebody can walk them.
     """
     cut = radius * np.tan(turn / 2) if 0 <= turn < np.pi else np.nan  # from a corner to where its arc begins
-    if not (legs >= 1 and np.isfinite([leg, cut]).all() and 0 <= 2 * cut < leg):
+    if not (is_whole(legs) and legs >= 1 and np.isfinite([leg, cut]).all() and 0 <= 2 * cut < leg):
         raise MotionError(
             f"zigzag of {legs} legs of {leg} m with corners of {turn:.3g} rad and radius {radius} m: expected "
-            "one leg or more, radians below pi, and legs longer than the two corners at their ends take"
+            "a whole number of one leg or more, radians below pi, and legs longer than the corners at their ends take"
         )
     pieces = []  # (metres, heading at its start, heading at its end)
-    for k in range(int(legs)):
+    for k in range(legs):
         side = 1 if k % 2 == 0 else -1
         ends = (k > 0) + (k < legs - 1)
         pieces.append((leg - ends * cut, side * turn / 2, side * turn / 2))
@@ -259,7 +290,7 @@ def _blurred(signal, metres):
 
 def _resampled(points):
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    points = points[np.concatenate([[True], steps > 1e-9])]
+    points = points[np.concatenate([[True], steps > _SAME])]
     s = np.concatenate([[0.0], np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum()])
     at = np.linspace(0.0, s[-1], max(3, int(np.ceil(s[-1] / _STEP)) + 1))
     return np.stack([np.interp(at, s, points[:, k]) for k in (0, 1)], -1)

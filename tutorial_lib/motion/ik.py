@@ -20,13 +20,18 @@ def rotations_from_positions(
     Joint by joint from the root: where several bones leave a joint, the rotation that fits them best
     (Kabsch 1976); where one does, the smallest turn that points it right. What positions cannot tell is the
     turn about a bone's own axis, its twist: it is taken from ``reference`` (local rotations ``(T, J, 4)``)
-    where given; else none is added to the parent's.
+    where given, or ``(1, J, 4)``, one pose for all frames; else none is added to the parent's.
+    Raises ``MotionError`` for other shapes and for what is not finite.
     """
-    positions = np.asarray(positions, dtype=np.float64)
-    frames, nodes = positions.shape[:2]
-    if positions.shape != (frames, skeleton.n_joints, 3):
-        raise MotionError(f"positions of shape {positions.shape}, expected (T, {skeleton.n_joints}, 3)")
-    guide = None if reference is None else skeleton.world_rotations(np.asarray(reference, dtype=np.float64))
+    nodes = skeleton.n_joints
+    positions = _numbers("positions", positions, (nodes, 3))
+    frames = len(positions)
+    guide = None
+    if reference is not None:
+        reference = _numbers("reference rotations", reference, (nodes, 4))
+        if len(reference) not in (1, frames):
+            raise MotionError(f"reference rotations of {len(reference)} frames for positions of {frames}")
+        guide = skeleton.world_rotations(reference)
     world = np.zeros((frames, nodes, 4))
     world[..., 0] = 1.0
     for j, parent in enumerate(skeleton.parents):
@@ -46,6 +51,19 @@ def rotations_from_positions(
             ahead = quat_rotate(world[:, j], rest[0])
             world[:, j] = quat_mul(quat_between(ahead, seen[:, 0]), world[:, j])
     return skeleton.local_rotations(world)
+
+
+def _numbers(what: str, values: np.ndarray, last: tuple[int, int]) -> np.ndarray:
+    try:
+        values = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise MotionError(f"{what}: expected numbers, found {type(values).__name__}") from None
+    if values.ndim != 3 or values.shape[1:] != last:
+        raise MotionError(f"{what} of shape {values.shape}, expected (T, {last[0]}, {last[1]})")
+    if not np.isfinite(values).all():
+        bad = int(np.argmin(np.isfinite(values).all((1, 2))))
+        raise MotionError(f"{what} not finite at frame {bad}")
+    return values
 
 
 def _bones_from(skeleton: Skeleton, j: int) -> list[tuple[int, np.ndarray]]:

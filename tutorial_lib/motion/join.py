@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..chance import whole_seed
+from ..chance import is_real, whole_seed
 from ..errors import MotionError
 from .clip import Motion, some_names
 from .rotations import quat_slerp
@@ -35,6 +35,9 @@ def join(motions: Sequence[Motion], *, blend: float = 0.3, search: float = SEARC
     Returns a motion at the same frame rate. Raises ``MotionError`` for no clips, clips of different skeletons or
     rates, or clips shorter than three blends.
     """
+    _check_blend("join", blend)
+    if not (is_real(search) and search >= 0):
+        raise MotionError(f"join: a search of {search!r} seconds, expected a number of 0 or more")
     if not motions:
         raise MotionError("join: no clips, expected at least one")
     first = motions[0]
@@ -42,7 +45,7 @@ def join(motions: Sequence[Motion], *, blend: float = 0.3, search: float = SEARC
     for motion in motions:
         if not motion.skeleton.same_tree(first.skeleton):
             raise MotionError(f"join: {motion.name!r} has another skeleton than {first.name!r}")
-        if motion.fps != first.fps:
+        if abs(motion.fps - first.fps) > 1e-3 * first.fps:
             raise MotionError(f"join: {motion.name!r} has {motion.fps:g} frames a second, {first.name!r} {first.fps:g}")
         if len(motion) < 3 * size:
             raise MotionError(
@@ -108,11 +111,17 @@ def _blended(one: Motion, other: Motion, turned: bool) -> Motion:
 
 
 def playlist(motions: Sequence[Motion], *, seconds: float, blend: float = 0.3, seed: int = 0) -> Motion:
-    """The clips joined in random order, over and over, for about so many seconds and at least once each.
+    """The clips joined in random order, over and over: so many seconds of clips or more, and each at least once.
 
+    The seconds are the clips' own, before :func:`join` cuts them where they meet: what comes is shorter, by a blend and
+    at most twice ``SEARCH`` at every join, of clips of three seconds by a third.
     Each round is another order, so that a clip is followed by different ones; never by itself where there are others.
-    Clips shorter than three blends are left out with one warning; ``MotionError`` if none is left.
+    Clips shorter than three blends are left out with one warning; ``MotionError`` if none is left, and for seconds that
+    are not a number above 0.
     """
+    _check_blend("playlist", blend)
+    if not (is_real(seconds) and 0 < seconds < np.inf):
+        raise MotionError(f"playlist of {seconds!r} seconds: expected a number above 0")
     usable, too_short = [], []
     for motion in motions:
         (usable if len(motion) >= 3 * max(2, round(blend * motion.fps)) else too_short).append(motion)
@@ -132,3 +141,8 @@ def playlist(motions: Sequence[Motion], *, seconds: float, blend: float = 0.3, s
         order += turn
         total += sum(usable[k].duration for k in turn)
     return join([usable[k] for k in order], blend=blend, name="playlist")
+
+
+def _check_blend(where: str, blend: float) -> None:
+    if not (is_real(blend) and 0 <= blend < np.inf):
+        raise MotionError(f"{where}: a blend of {blend!r} seconds, expected a number of 0 or more")

@@ -12,6 +12,7 @@ from .skeleton import Skeleton
 # How the known skeletons call the two sides: at the beginning of a name, or at its end.
 _BEGINNINGS = (("Left", "Right"), ("l", "r"))
 _ENDS = (("_L", "_R"),)
+_SURE = ("Left", "Right", "_L", "_R")  # a name in "l" or "r" may be one in the middle: lowerback, root
 _ACROSS = np.array([-1.0, 1.0, 1.0])  # of a place or a bone
 _TURNED = np.array([1.0, 1.0, -1.0, -1.0])  # of a quaternion: M R M for the mirror M
 
@@ -38,10 +39,17 @@ def mirrored(motion: Motion) -> Motion:
 def other_side(skeleton: Skeleton) -> list[int]:
     """For each node the one on the other side, by its name; a node in the middle is its own.
 
-    Raises ``MotionError`` where there are no sides, or where they do not hang together alike.
+    Raises ``MotionError`` where there are no sides, where they do not hang together alike, or where one that is told to
+    be left or right for sure has no partner.
     """
     index = {name: j for j, name in enumerate(skeleton.names)}
     other = [next((index[n] for n in _swapped(name) if n in index), j) for j, name in enumerate(skeleton.names)]
+    for j, name in enumerate(skeleton.names):
+        side = _without_end(name)[0]
+        if other[j] == j and (side.startswith(_SURE[:2]) or side.endswith(_SURE[2:])):
+            above = skeleton.parents[j]
+            hangs = f", which hangs from {skeleton.names[above]!r}," if above >= 0 else ""
+            raise MotionError(f"no mirror image: {name!r}{hangs} has no partner on the other side")
     if other == list(range(len(other))):
         raise MotionError(
             f"no mirror image: none of {len(other)} nodes ({', '.join(skeleton.names[:4])}, ...) is told to be left or "
@@ -67,9 +75,7 @@ def other_side(skeleton: Skeleton) -> list[int]:
 def _swapped(name: str) -> list[str]:
     """What the same joint of the other side may be called."""
     found = []
-    bare = name.rstrip("_")  # the reader adds some where a joint has an end's name already
-    end = name[len(bare) - len(END_SUFFIX) :] if bare.endswith(END_SUFFIX) else ""
-    name = name.removesuffix(end)  # of an end site the side stands before that
+    name, end = _without_end(name)
     for left, right in _BEGINNINGS:
         for a, b in ((left, right), (right, left)):
             if name.startswith(a):
@@ -79,3 +85,10 @@ def _swapped(name: str) -> list[str]:
             if name.endswith(a):
                 found.append(name.removesuffix(a) + b + end)
     return found
+
+
+def _without_end(name: str) -> tuple[str, str]:
+    """A name, of an end site that of its joint, where the side stands, and what follows it there."""
+    bare = name.rstrip("_")  # the reader adds some where a joint has an end's name already
+    end = name[len(bare) - len(END_SUFFIX) :] if bare.endswith(END_SUFFIX) else ""
+    return name.removesuffix(end), end

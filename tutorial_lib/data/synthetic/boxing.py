@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...chance import whole_seed
 from ...motion.clip import Motion
 from .body import FOREARM, UPPER_ARM, Body, Pose, apply, rot_x, rot_y, rot_z, within
 from .gait import check_time
@@ -371,10 +372,10 @@ def boxing(seconds: float, *, fps: float = 30.0, seed: int = 0) -> Motion:
     """Shadow boxing: stance, footwork, jabs, crosses, hooks, uppercuts and ducks in random combinations.
 
     seconds: length; fps: frames a second; seed: the same seed gives the same motion.
-    Raises MotionError for a length or rate that makes no sense.
+    Raises MotionError for a length or rate that makes no sense, TutorialError for a seed that is none.
     """
     n = check_time(seconds, fps)
-    rng = np.random.default_rng([seed, 2])
+    rng = np.random.default_rng([whole_seed(seed), 2])
     plan = _Plan(rng, n / fps)
     t = np.arange(n) / fps
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...chance import whole_seed
 from ...errors import MotionError
 from ...motion.clip import Motion
 from .body import FOREARM, SIDES, UPPER_ARM, Body, Pose, apply, rot_x, rot_y, rot_z, within
@@ -278,12 +279,13 @@ def dancing(seconds: float, *, fps: float = 30.0, seed: int = 0, tempo: float = 
     """A person dancing alone: phrases of eight beats, no two alike.
 
     seconds: length; fps: frames a second; tempo: beats a minute, 60 to 180; seed: the same seed gives the
-    same motion. Raises MotionError for a length, rate or tempo that makes no sense.
+    same motion. Raises MotionError for a length, rate or tempo that makes no sense, TutorialError for a seed that
+    is none.
     """
     n = check_time(seconds, fps)
     if not (np.isfinite(tempo) and 60 <= tempo <= 180):
         raise MotionError(f"tempo {tempo}: expected 60 to 180 beats a minute")
-    rng = np.random.default_rng([seed, 3])
+    rng = np.random.default_rng([whole_seed(seed), 3])
     plan = _Plan(rng, n / fps, tempo)
     t = np.arange(n) / fps
 

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ...chance import whole_seed
 from ...errors import MotionError
 from ...motion.clip import Motion
 from ...motion.ground import SIDEWAYS_LIMIT, TURNING_LIMIT, GroundPath, braked, check_path
@@ -214,7 +215,7 @@ def walking(seconds: float, *, speed: float = 1.3, path=None, fps: float = 30.0,
     points (N, 2), x and z in metres, or None for a gentle random path (a closed path is followed
     round and round, an open one straight on past its end); seed: the same seed gives the same motion.
     Sharp corners are rounded and, where the body could not turn as fast, walked more slowly.
-    Raises MotionError for a speed, path, length or rate that makes no sense.
+    Raises MotionError for a speed, path, length or rate that makes no sense, TutorialError for a seed that is none.
     """
     return _locomotion(seconds, speed, path, fps, seed, running=False)
 
@@ -237,7 +238,7 @@ def _locomotion(seconds, speed, path, fps, seed, running):
     n = check_time(seconds, fps)
     if not (np.isfinite(speed) and SPEEDS[0] <= speed <= SPEEDS[1]):
         raise MotionError(f"speed {speed}: expected {SPEEDS[0]} to {SPEEDS[1]} m/s")
-    rng = np.random.default_rng([seed, int(running)])
+    rng = np.random.default_rng([whole_seed(seed), int(running)])
     points = random_path(rng, seconds * speed + 4, speed) if path is None else check_path(path)
     way = GroundPath(points, rounding=0.12 + 0.10 * speed)
     stride = make_stride(float(speed), running)
