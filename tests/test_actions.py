@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -68,3 +70,34 @@ def test_classifiers_that_cannot_be(clips):
         actions.train_classifier({"walking": clips["walking"]})
     with pytest.raises(TutorialError, match="no clip of 'boxing'"):
         actions.train_classifier({**clips, "boxing": [clips["boxing"][0][:10]]})
+
+
+def stub() -> SimpleNamespace:
+    """A classifier that is told the probabilities of its windows."""
+    return SimpleNamespace(actions=("walking", "boxing"), window=1, probabilities=lambda p: np.asarray(p))
+
+
+def acts(*parts: tuple[int, float]) -> np.ndarray:
+    """(N, 2) probabilities: for each part so many windows with this one of walking."""
+    return np.array([[p, 1 - p] for count, p in parts for _ in range(count)])
+
+
+def test_changes_have_a_direction_and_count_once_in_a_motion():
+    """A second is six windows; 0.8 is not sure."""
+    walk, box, unsure = (10, 0.95), (10, 0.05), (10, 0.8)
+    motions = np.stack([
+        acts(walk, box, walk, box), acts(walk, walk, box, box), acts(walk, unsure, unsure, walk),
+        acts(unsure, box, unsure, box), acts(walk, (5, 0.05), (15, 0.95), walk),
+    ])  # fmt: skip
+    found = actions.transitions(stub(), motions, FPS)
+    np.testing.assert_array_equal(found.counts, [[0, 2], [1, 0]])
+    assert (found.kinds, found.changed, found.motions) == (2, 2, 5)
+    np.testing.assert_allclose(found.share, [95 / 200, 65 / 200])
+    again = actions.transitions(stub(), motions[1:2].repeat(3, 0), FPS)
+    np.testing.assert_array_equal(again.counts, [[0, 3], [0, 0]])
+    assert (again.kinds, again.changed) == (1, 3)
+
+
+def test_every_action_counts_the_same_in_the_accuracy():
+    told = {"walking": [acts((10, 0.9), (10, 0.1)), acts((20, 0.9))], "boxing": [acts((1, 0.1), (3, 0.9))]}
+    assert actions.accuracy(stub(), told) == pytest.approx((30 / 40 + 1 / 4) / 2)

@@ -123,3 +123,8 @@ def test_wandering_noise_hangs_on_its_generator_alone():
             WanderingNoise(bad, 15)
     with pytest.raises(TutorialError, match="for some frames, not 0"):
         WanderingNoise(0.1, 0)
+
+
+def test_wandering_noise_begins_with_its_deviation():
+    first = wandering(n=3, batch=4000)
+    assert first.std((1, 2)).tolist() == pytest.approx([0.5] * 3, rel=0.05)

@@ -30,6 +30,7 @@ from tutorial_lib.control import (
 )
 from tutorial_lib.data import load
 from tutorial_lib.errors import MotionError
+from tutorial_lib.motion import Motion, Skeleton
 from tutorial_lib.motion.ground import PREPARED, check_path, path_length, path_offset
 from tutorial_lib.representations import HipFrame
 
@@ -475,3 +476,94 @@ def test_measure_and_integrate_are_inverse_for_leading_axes():
     place, angle = integrate_control(control, 10.0, start, heading)
     assert place[..., 0, :] == pytest.approx(start) and angle[..., 0] == pytest.approx(heading)
     assert measure_control(place, angle, 10.0) == pytest.approx(control)
+
+
+# -- paths
+
+
+def test_what_falls_by_more_than_a_tenth_is_told():
+    """On a circle of 1.5 m 3 m/s2 to the side are 2.12 m/s: asked for 2.6, a fifth is taken away everywhere."""
+    with pytest.warns(UserWarning, match="lean into a turn .*; 100% of the path is slower than asked for"):
+        control = control_from_path(circle(1.5), 2.6, FPS, rounding=0.05)
+    assert control[:, 1] == pytest.approx(np.sqrt(3 * 1.5), rel=0.01)
+    assert path_control(circle(1.5), 2.2, FPS, rounding=0.05).note == "", "4 % are not worth a word"
+
+
+def test_the_pace_of_a_point_is_that_of_the_rounded_path_there():
+    path = [(0, 0), (0, 3), (3, 3)]
+    control = control_from_path(path, [1.0, 1.0, 2.0], FPS, rounding=0.5)
+    assert control[-1, 1] == pytest.approx(2.0, abs=0.03), "the last point's, though corners are cut"
+
+
+# -- clips
+
+
+def going(walk: Motion, way: np.ndarray, angle: np.ndarray) -> Motion:
+    """Somebody stiff who is at ``way`` (T, 2) and faces ``angle`` (T,), in the first pose of a clip."""
+    pose = walk.positions[0] - walk.positions[0, [0]] * [1, 0, 1]
+    facing = np.arctan2(*_forward(walk))
+    c, s = np.cos(angle - facing)[:, None], np.sin(angle - facing)[:, None]
+    x, z = c * pose[:, 0] + s * pose[:, 2], c * pose[:, 2] - s * pose[:, 0]
+    y = np.broadcast_to(pose[:, 1], x.shape)
+    return Motion(walk.skeleton, FPS, np.stack([x + way[:, :1], y, z + way[:, 1:]], -1))
+
+
+def _forward(walk: Motion) -> np.ndarray:
+    at = {name: walk.skeleton.names.index(name) for name in ("LeftUpLeg", "RightUpLeg", "LeftArm", "RightArm")}
+    p = walk.positions[0]
+    left = p[at["LeftUpLeg"]] - p[at["RightUpLeg"]] + p[at["LeftArm"]] - p[at["RightArm"]]
+    return np.cross(left, (0, 1, 0))[[0, 2]]
+
+
+def test_each_limit_is_measured_in_its_own_unit(walks):
+    t = np.arange(240) / FPS
+    faster = going(walks[0], np.stack([0 * t, 0.25 * t**2], -1), 0 * t)  # to 4 m/s, by 0.5 m/s2
+    found = limits_of([faster])
+    assert found.acceleration == pytest.approx(0.5, rel=0.02) and found.speed == pytest.approx(3.8, rel=0.03)
+    assert found.turning < 0.01 and found.sideways < 0.01
+    assert limits_of([faster], quantile=0.5).speed == pytest.approx(2.0, rel=0.02), "the middle, not the most"
+    angle = 0.5 * t
+    ring = limits_of([going(walks[0], 2 * np.stack([1 - np.cos(angle), np.sin(angle)], -1), angle)])
+    assert (ring.speed, ring.turning, ring.sideways) == pytest.approx((1.0, 0.5, 0.5), rel=0.06)
+    assert ring.acceleration < 0.05
+    swaying = going(walks[0], np.stack([0 * t, 1.2 * t], -1), 0.2 * np.sin(2 * np.pi * t))
+    assert limits_of([swaying]).turning < 0.25, "1.26 rad/s of a stride's sway are not turning"
+
+
+# -- sliders
+
+
+def test_a_step_aside_is_limited_as_a_step_ahead():
+    with pytest.warns(UserWarning, match="5 m/s .* 4.5 m/s"):
+        control = constant_control(3, forward=3.0, sideways=4.0)
+    assert control == pytest.approx(np.array([[0, 2.7, 3.6]] * 3))
+
+
+def test_short_pieces_last_as_long_as_they_say_together():
+    assert len(piecewise_control([(0.05, 0, 1.0, 0)] * 20, FPS)) == 30  # a frame and a half each
+
+
+# -- distance from a path
+
+
+def test_passed_is_within_30_cm():
+    line, z = [(0, 0), (0, 10)], np.linspace(0, 10, 300)
+    covered = [path_deviation(np.stack([np.full(300, x), z], -1), line).covered for x in (0.25, 0.35)]
+    assert covered == [1.0, 0.0]
+
+
+def test_drift_is_of_the_stride_around_a_frame_and_has_no_sign_in_its_mean():
+    t = np.arange(600) / FPS
+    aside = np.stack([np.linspace(-0.5, 0.5, 600), t], -1)
+    away = path_deviation(aside, [(0, 0), (0, 20)], FPS)
+    assert away.drift[50:-50] == pytest.approx(away.offset[50:-50], abs=1e-9)
+    assert away.mean_drift == pytest.approx(0.25, abs=0.01)
+
+
+def test_the_hip_is_what_goes_along_a_path_not_the_root(walks):
+    """Of a body with a node on the ground before the hips that stays behind."""
+    walk, line = walks[0], np.stack([0 * np.arange(2.0), 3 * np.arange(2.0)], -1)
+    old = walk.skeleton
+    skeleton = Skeleton(("floor", *old.names), (-1, *(p + 1 for p in old.parents)), np.zeros((len(old.names) + 1, 3)))
+    body = Motion(skeleton, walk.fps, np.concatenate([np.full((len(walk), 1, 3), 9.0), walk.positions], 1))
+    assert path_deviation(body, line).mean == pytest.approx(path_deviation(walk, line).mean)

@@ -248,3 +248,17 @@ def test_windows_too_short_and_seeds_that_are_none(model):
         Recipe("crbm", "samples/walking", length=30, options={"past": 30})
     with pytest.raises(TutorialError, match="the seed must be a whole number of 0 or more, not -1"):
         model.start(-1)
+
+
+def test_it_begins_with_small_weights_and_without_biases():
+    """As in the authors' code: 0.01 times a normal draw."""
+    model = make_system("crbm", 40, hidden=50, seed=0).model
+    for weight in (model.weight, model.visible.weight, model.latent.weight):
+        assert weight.std().item() == pytest.approx(0.01, rel=0.1) and abs(weight.mean().item()) < 1e-3
+    assert not model.visible.bias.any() and not model.latent.bias.any()
+
+
+def test_the_next_seed_draws_other_numbers_not_the_same_a_frame_later(model):
+    x = random(1, 1, D, seed=4).expand(1, 9, D)  # a figure that stands: nothing but chance tells the frames apart
+    one, other = (model(x, model.start(seed))[0] for seed in (0, 1))
+    assert not torch.allclose(one[:, 1:], other[:, :-1])

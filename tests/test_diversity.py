@@ -91,3 +91,11 @@ def test_one_motion_is_no_distribution(poses):
         diversity.pairwise_distance(poses[:1])
     with pytest.raises(TutorialError, match="expected .motions, frames"):
         diversity.mean_distance(poses[0])
+
+
+def test_thousands_of_windows_are_all_looked_up():
+    windows = np.random.default_rng(1).normal(size=(1100, 2, 6))
+    found = diversity.nearest_window(windows, windows[:3])
+    assert found.shape == (1100,)
+    by_hand = [np.sqrt(3 * np.square(windows[k] - windows[:3]).mean((1, 2))).min() for k in (0, 600, 1099)]
+    np.testing.assert_allclose(found[[0, 600, 1099]], by_hand, atol=1e-6)

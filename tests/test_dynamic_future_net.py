@@ -374,3 +374,121 @@ def test_features_of_another_kind(representation, clip):
 def test_losses_that_cannot_be(values, told):
     with pytest.raises(TutorialError, match=told):
         DynamicFutureLoss(**values)
+
+
+def test_what_a_perceptron_reads_and_writes_is_standardised(network, windows):
+    """Stage 1 by hand: features, codes, height and velocity in the units of the data, rotations about none."""
+    pose, representation = network.pose, network.representation
+    pose.fit_features([windows])
+    pose.fit_codes([windows])
+    x = windows.flatten(0, 1)
+    mean, std = x.mean(0), x.std(0, correction=0).clamp_min(1e-3)
+    raw = pose.encoder((x - mean) / std)
+    code = (raw - raw.mean(0)) / raw.std(0, correction=0)
+    torch.testing.assert_close(pose.encode(x), code, atol=1e-3, rtol=1e-3)
+    made = pose.decode(code)
+    numbers, y = pose.quaternion_decoder(raw[:, :-2]), 3 * representation.hip + 1
+    torch.testing.assert_close(made.height, numbers[:, -1:] * std[y] + mean[y], atol=1e-4, rtol=1e-3)
+    moving = representation.slices["velocity"]
+    velocity = pose.velocity_decoder(raw[:, -2:]) * std[moving] + mean[moving]
+    torch.testing.assert_close(made.velocity, velocity, atol=1e-4, rtol=1e-3)
+    q = numbers[:, :-1].unflatten(-1, (-1, 4)) + torch.tensor([1.0, 0, 0, 0])
+    turning = [j for j, children in enumerate(representation.skeleton.children) if children]
+    torch.testing.assert_close(made.rotations[:, turning], q / q.norm(dim=-1, keepdim=True), atol=1e-4, rtol=1e-3)
+    joints = representation.slices["joints"]
+    torch.testing.assert_close(pose.unit[0], std[joints].square().mean().sqrt())
+
+
+def test_stage_1_is_trained_with_equation_2(network, windows):
+    """In units of the data; the term beside it is in metres a joint."""
+    network.pose.fit_features([windows])
+    value, terms = DynamicFutureLoss().pose_loss(network, windows)
+    made = network.pose(windows)
+    torch.testing.assert_close(value, ((windows - made) / network.pose.unit).square().sum(-1).mean())
+    off = (made - windows)[..., network.representation.slices["joints"]].unflatten(-1, (-1, 3))
+    torch.testing.assert_close(terms["joint error"], off.square().sum(-1).sqrt().mean().detach())
+
+
+def test_a_future_is_unrolled_a_step_at_a_time(network):
+    """Figure 4: the decoder reads its own last code and tells what changes, from a summary that is standardised."""
+    future, codes = network.future, normals(2, 9, 6)
+    future.fit_summaries([codes])
+    summary, code = future.summaries(codes).flatten(0, 1), codes[:, :6].flatten(0, 1)
+    torch.testing.assert_close(summary.mean(0), torch.zeros(5), atol=1e-4, rtol=0)
+    torch.testing.assert_close(summary.std(0, correction=0), torch.ones(5), atol=1e-3, rtol=1e-3)
+    unrolled = future.decode(summary, code)
+    state = torch.tanh(future.from_summary(summary * future.scale.std + future.scale.mean))
+    for t in range(3):
+        state = future.decoder(code, state)
+        code = code + future.readout(state)
+        torch.testing.assert_close(unrolled[:, t], code)
+
+
+def test_stage_2_is_trained_with_equation_3(network, windows):
+    """Sequences by hand: H = 3, and one begins at every frame, as half of that is; joints in units of the data."""
+    network.pose.fit_features([windows])
+    network.pose.fit_codes([windows])
+    value, terms = DynamicFutureLoss(smooth=2.0).trajectory_loss(network, windows)
+    pose, future, joints = network.pose, network.future, network.representation.slices["joints"]
+    rec, smooth = [], []
+    for x in windows:
+        z = pose.encode(x)
+        for t in range(len(x) - 3):
+            made = future.decode(future.encode(z[None, t : t + 4]), z[None, t])[0]  # (3, C)
+            rec.append((made - z[t + 1 : t + 4]).square().sum(-1).mean())
+            whole = pose.features(pose.decode(torch.cat((z[t : t + 1], made))))
+            gap = ((whole - x[t : t + 4]) / pose.unit)[:, joints]
+            smooth.append((gap[1:] - gap[:-1]).square().sum(-1).mean())
+    torch.testing.assert_close(terms["reconstruction"], torch.stack(rec).mean().detach())
+    torch.testing.assert_close(terms["smoothness"], torch.stack(smooth).mean().detach(), rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(value.detach(), terms["reconstruction"] + 2.0 * terms["smoothness"])
+
+
+def test_stage_3_is_trained_with_equation_15(network, windows):
+    """Each term by hand, from what inference gives: the prior of s has the imagined summary, not the true one."""
+    network.pose.fit_features([windows])
+    network.pose.fit_codes([windows])
+    loss = DynamicFutureLoss(code_deviation=0.2, summary_deviation=0.7, temporal=0.0)
+    _, terms = loss.dynamics_loss(network, windows, torch.Generator().manual_seed(0))
+    dynamics = network.dynamics
+    codes = network.pose.encode(windows)
+    m, z = network.future.summaries(codes), codes[:, :9]  # 12 frames, of which the last 3 are only a future
+    seen = dynamics.infer(z, m, torch.Generator().manual_seed(0))
+    h = seen.past
+    imagined = dynamics.summary_decoder(torch.cat((seen.future, h), -1))
+    prior_f, prior_s = (
+        gaussian(dynamics.future_prior(h)),
+        gaussian(dynamics.current_prior(torch.cat((h, imagined), -1))),
+    )
+    code = dynamics.code_decoder(torch.cat((seen.current, h), -1))
+    wanted = {
+        "current divergence": kl_divergence(torch_normal(seen.posterior_current), torch_normal(prior_s)).mean(),
+        "future divergence": kl_divergence(torch_normal(seen.posterior_future), torch_normal(prior_f)).mean(),
+        "code": (z - code).square().sum(-1).mean() / (2 * 0.2**2),
+        "summary": (m - imagined).square().sum(-1).mean() / (2 * 0.7**2),
+    }
+    assert set(terms) == set(wanted)
+    for name, value in wanted.items():
+        torch.testing.assert_close(terms[name], value.detach(), rtol=1e-4, atol=1e-5, msg=lambda text, n=name: n + text)
+
+
+def test_without_a_future_state_the_summary_is_nothing_at_synthesis_too(representation):
+    values = {**SIZES, "future": 0, "features": representation.config()}
+    dynamics = make_system("dynamic-future-net", representation.dim, seed=3, **values).model.dynamics
+    past = normals(4, 12)
+    future = dynamics.draw_future(past, None)
+    assert future.shape == (4, 0) and torch.equal(dynamics.summary_of(future, past), torch.zeros(4, 5))
+
+
+def test_sizes_are_those_asked_for_in_every_stage(representation):
+    values = {**SIZES, "layers": 3, "features": representation.config()}
+    model = make_system("dynamic-future-net", representation.dim, seed=3, **values).model
+    assert [cell.hidden_size for cell in model.dynamics.cells] == [12] * 3
+    assert model.future.encoder.hidden_size == model.future.decoder.hidden_size == 12
+
+
+def test_stages_have_their_shares_of_the_steps():
+    loss = DynamicFutureLoss(pose_share=0.5, future_share=0.1)
+    shares = {stage.name: stage.share for stage in loss.stages()}
+    assert shares == pytest.approx({"pose": 0.5, "future": 0.1, "dynamics": 0.4})
+    assert [stage.share for stage in DynamicFutureLoss(stage="future").stages()] == [1.0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
 import math
 
@@ -515,3 +516,121 @@ def test_on_the_command_line(trained, tmp_path, fails, capsys):
 def save_lstm(path, checkpoint) -> None:
     model = make_system("lstm", checkpoint.representation.dim, hidden=4).model
     save_checkpoint(path, system="lstm", model=model, representation=checkpoint.representation)
+
+
+def test_each_stage_measures_what_later_ones_read(trained, clip):
+    """Features before the first stage, codes after it, summaries after the second: numbers of one size."""
+    model = trained.model
+    features = torch.from_numpy(trained.representation.encode(clip_of(trained, clip)))
+    moving = trained.representation.slices["velocity"]
+    torch.testing.assert_close(model.pose.unit[moving], model.pose.scale.std[moving])
+    ratio = model.pose.scale.std / features.std(0).clamp_min(1e-3)
+    assert 0.5 < ratio.median() < 2, "of these very clips"
+    with torch.no_grad():
+        codes = model.pose.encode(features)
+        summaries = model.future.summaries(codes[None])[0]
+    for values in (codes, summaries):
+        assert values.mean(0).abs().max() < 1.5 and 0.4 < values.std(0).median() < 1.6
+
+
+@pytest.mark.parametrize("temperature", [0.0, 0.5, 3.0])
+def test_a_prefix_is_read_frame_by_frame(trained, clip, temperature):
+    """By hand: where all H = 3 frames to come are in the prefix the future is inferred from them, else imagined; what
+    is inferred is no wilder than in training, what is imagined has the temperature."""
+    model, dynamics = trained.model, trained.model.dynamics
+    prefix = torch.from_numpy(trained.representation.encode(clip_of(trained, clip)[:10]))[None]
+    stream = FutureStream(model, 2, temperature=temperature, generator=torch.Generator().manual_seed(3))
+    codes = stream.read(prefix)
+    noise, state = torch.Generator().manual_seed(3), dynamics.start(2)
+
+    def drawn(g, factor):
+        return g.mean + factor * (g.log_variance / 2).exp() * torch.randn(g.mean.shape, generator=noise)
+
+    with torch.no_grad():
+        torch.testing.assert_close(codes, model.pose.encode(prefix).expand(2, -1, -1))
+        summaries = model.future.summaries(codes)  # of the first 7 frames
+        for t in range(10):
+            h = state[-1]
+            if t < 7:
+                m = summaries[:, t]
+                f = drawn(dynamics.posterior_future(h, m), min(temperature, 1.0))
+            else:
+                f = drawn(dynamics.prior_future(h), temperature)
+                m = dynamics.summary_of(f, h)
+            s = drawn(dynamics.posterior_current(h, codes[:, t], m), min(temperature, 1.0))
+            state = dynamics.transition(state, s, f)
+    torch.testing.assert_close(stream.past, state[-1])
+
+
+def test_a_prefix_comes_first(trained, clip):
+    prefix = torch.from_numpy(trained.representation.encode(clip_of(trained, clip)[:10]))[None]
+    stream = FutureStream(trained.model, 2, generator=torch.Generator().manual_seed(3))
+    stream.take(1)
+    with pytest.raises(TutorialError, match="a prefix comes first, and frames have been made already"):
+        stream.read(prefix)
+
+
+def test_chance_after_an_imposed_future_is_that_without_it(trained):
+    after = []
+    for imposed in (None, ImposedFuture(2, states=torch.zeros(4, 3))):
+        generator = torch.Generator().manual_seed(5)
+        FutureStream(trained.model, 2, generator=generator, imposed=imposed).take(8)
+        after.append(torch.randn(3, generator=generator))
+    assert torch.equal(*after)
+
+
+def test_an_imposed_clips_future_goes_on_frame_by_frame(trained):
+    summaries = torch.randn(4, 5, generator=torch.Generator().manual_seed(0))
+    stream = FutureStream(trained.model, 1, imposed=ImposedFuture(1, summaries=summaries))
+    stream.take(1)
+    for k in range(4):
+        with torch.no_grad():
+            expected = trained.model.dynamics.posterior_future(stream.past, summaries[k : k + 1]).mean
+        torch.testing.assert_close(stream.take(1).future[:, 0], expected)
+
+
+def test_a_stage_has_a_step_wherever_it_stands():
+    of = [Stage(name, None, share) for name, share in (("a", 0.5), ("b", 1e-9), ("c", 0.5))]
+    assert stage_ends(of, 10) == [5, 6, 10]
+
+
+def test_a_run_is_saved_when_a_stage_ends(walking, tmp_path):
+    """However short it is: what stage 1 has learnt is not lost in stage 2."""
+    path, done = tmp_path / "run.safetensors", []
+    trainer = trainer_for(small(), path, sets=walking)
+    trainer.run(progress=False, callback=lambda t: path.exists() and done.append(read_header(path)["training"]))
+    assert [header["steps_done"] for header in done] == [3, 3, 5, 5, 5, 5, 5], "told at steps 4 to 10"
+
+
+def test_each_motion_has_its_own_prefix(trained, clip):
+    prefixes = [clip[:8], clip[40:48]]
+    fan = generate_futures(trained, 4, prefix=prefixes, seed=1)
+    for k, prefix in enumerate(prefixes):
+        with torch.no_grad():
+            codes = trained.model.pose.encode(torch.from_numpy(trained.representation.encode(clip_of(trained, prefix))))
+        torch.testing.assert_close(fan.codes(k)[:8], codes, atol=1e-4, rtol=1e-4)
+
+
+def test_the_future_of_a_clip_begins_where_it_is_told(trained, clip):
+    future = future_of(trained, clip, start=2, frames=6)
+    assert future.start == 2 and len(future.summaries) == 6
+    assert len(future_of(trained, clip).summaries) == len(clip_of(trained, clip)) - SIZES["horizon"]
+
+
+def test_stretches_are_told_by_their_summary_and_the_code_before(trained, clip):
+    model, representation, mapped = trained.model, trained.representation, clip_of(trained, clip)
+    with torch.no_grad():
+        codes = model.pose.encode(torch.from_numpy(representation.encode(mapped)))
+        parts = [codes[:1]]
+        for t in range(0, len(codes) - 3, 3):
+            parts.append(model.future.decode(model.future.encode(codes[None, t : t + 4]), codes[None, t])[0])
+        features = model.pose.features(model.pose.decode(torch.cat(parts)))
+    expected = representation.decode_positions(features.double().numpy(), **representation.origin(mapped))
+    np.testing.assert_allclose(reconstruct_sequences(trained, clip).positions, expected, atol=1e-4)
+
+
+def test_two_stages_do_not_generate(trained):
+    half = dataclasses.replace(trained, model=copy.deepcopy(trained.model))
+    half.model.stages_done.fill_(2)
+    with pytest.raises(CheckpointError, match="trained in pose and future so far: to generate it needs"):
+        generate_futures(half, 5)

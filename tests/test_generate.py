@@ -14,11 +14,12 @@ import torch
 from torch import nn
 
 from tutorial_lib import metrics
+from tutorial_lib.chance import seeded
 from tutorial_lib.data.synthetic import sample_skeleton
 from tutorial_lib.data.windows import Normalizer
 from tutorial_lib.errors import CheckpointError, DataError, MotionError, TutorialError
-from tutorial_lib.evaluate import evaluate, summary, unseen
-from tutorial_lib.generate import choose_windows, generate, generate_features, prepare, stream, synthesize
+from tutorial_lib.evaluate import Rollouts, evaluate, flaws, roll_out, summary, unseen
+from tutorial_lib.generate import choose_seeds, choose_windows, generate, generate_features, prepare, stream, synthesize
 from tutorial_lib.motion import Motion, Skeleton
 from tutorial_lib.motion.clip import settled_positions
 from tutorial_lib.representations import make_representation
@@ -396,3 +397,142 @@ def test_unseen_clips_are_those_not_trained_on(small_motion):
     named = dataclasses.replace(checkpoint, provenance={"clips": ["samples/walking/01"]})
     names = ("walking/01", "samples/walking/01", "running/01", "01x", "other/walking/02")
     assert [m.name for m in unseen(named, [small_motion.with_name(n) for n in names])] == list(names[2:])
+
+
+# --- synthesis
+
+
+class Rolling(Counting):
+    """Its next frame is the last one, every number one place on: number 0 is what it read as number 3."""
+
+    def forward(self, x, state=None):
+        return x.roll(1, -1) + 0 * self.one, state
+
+
+def test_what_is_given_is_read_without_noise():
+    given = Given([3], torch.full((2, 8, 1), 7.0))
+    noise = WanderingNoise(0.5, 5.0, torch.Generator().manual_seed(0))
+    out = synthesize(Rolling(4), torch.zeros(2, 3, 4), 8, given=given, noise=noise)
+    assert (out[:, 1:, 0] == 7).all() and (out[:, 2:, 1] != 7).any()
+
+
+def test_noise_is_remembered_for_half_a_second(small_motion):
+    checkpoint = checkpoint_for(small_motion, Counting(21))
+    made = generate_features(checkpoint, np.zeros((2, 3, 21), np.float32), 6, noise=0.3, seed=4)
+    noise = WanderingNoise(0.3, 15.0, seeded(4))  # at 30 frames a second
+    expected = synthesize(Counting(21), torch.zeros(2, 3, 21), 6, noise=noise)
+    np.testing.assert_allclose(made, expected.numpy(), atol=1e-6)
+
+
+def test_a_network_in_training_is_put_into_evaluation():
+    model = Counting(4).train()
+    synthesize(model, torch.zeros(1, 3, 4), 2)
+    assert not model.training
+
+
+def test_a_seed_is_cut_before_it_is_encoded(small_motion):
+    checkpoint = checkpoint_for(small_motion)
+    features = choose_seeds(checkpoint, [small_motion], count=4, seed=5)
+    for found, (_, start) in zip(features, choose_windows([50], count=4, seed=5), strict=True):
+        cut = small_motion[start : start + 10]
+        np.testing.assert_allclose(found, checkpoint.representation.encode(cut), atol=1e-5)
+
+
+def test_the_seed_is_of_what_a_network_draws_too(small_motion):
+    checkpoint = crbm_for(small_motion)
+    one = checkpoint.representation.encode(small_motion[:10])[None]  # one window: nothing to choose
+    first, again, other = (generate(checkpoint, 9, seeds=one, seed=s)[0].positions for s in (0, 0, 1))
+    assert np.array_equal(first, again) and not np.allclose(first, other)
+
+
+# --- evaluation
+
+
+class Doubling(Counting):
+    """All that it makes is its seed's last frame, twice as large."""
+
+    def forward(self, x, state=None):
+        return (2 if state is None else 1) * x + 0 * self.one, 1
+
+
+class Pausing(Counting):
+    """It stands still for four seconds, and goes on."""
+
+    def forward(self, x, state=None):
+        frame = 0 if state is None else state
+        return x + (frame > 120) * self.one, frame + 1
+
+
+class Growing(Counting):
+    """Each frame is a twentieth larger than the one before."""
+
+    def forward(self, x, state=None):
+        return 1.05 * x + 0 * self.one, state
+
+
+def test_what_is_made_is_held_against_the_clips(small_skeleton):
+    """Twice as large as any clip: beyond 1.5 times their reach at once, on bones twice as long; clips are as they were.
+    One clip of two is enough to have been trained on them."""
+    hops = np.zeros((120, 1, 3))
+    hops[1::2, 0, 1] = 0.1
+    motion = Motion(small_skeleton, 30.0, small_skeleton.rest_pose() + hops + [0, 1.0, 0])
+    checkpoint = checkpoint_for(motion, Doubling(21))
+    checkpoint.provenance["clips"] = ["a"]
+    clips = [motion.with_name(name) for name in ("a", "b")]
+    result = evaluate(checkpoint, clips, count=4, frames=60)
+    assert result["divergence"] == {"count": 4, "seconds": [0.0] * 4}
+    assert result["bone_drift"] == {"generated": pytest.approx(1.0), "true": pytest.approx(0.0, abs=1e-6)}
+    assert result["trained_on_these_clips"] and "some of them trained on" in summary(result)[0]
+    assert "never trained on" in summary(evaluate(checkpoint, clips[1:], count=4, frames=60))[0]
+    with pytest.raises(DataError, match="30 frames or more"):
+        evaluate(checkpoint, clips, frames=29)
+
+
+def test_a_pause_is_a_standstill_and_no_freezing(small_motion):
+    result = evaluate(checkpoint_for(small_motion, Pausing(21)), [small_motion], count=2, frames=420)
+    assert result["standstill"]["count"] == 2 and result["freezing"] == {"count": 0, "seconds": [None, None]}
+
+
+def test_measures_are_of_the_frames_that_were_made(small_motion):
+    checkpoint, options = checkpoint_for(small_motion, Growing(21)), {"count": 4, "frames": 60, "seed": 2}
+    run, result = roll_out(checkpoint, small_motion, **options), evaluate(checkpoint, small_motion, **options)
+    whole = np.concatenate([run.seeds, run.made], 1)  # (4, 10 + 60, 21)
+    change = np.linalg.norm(np.diff(whole, axis=1), axis=-1)[:, 9:]  # the first is from the seed's last frame
+    at = {"15": change[:, :15].mean(), "60": change[:, 45:].mean()}
+    assert result["motion_change"]["at"] == pytest.approx(at, rel=1e-4)
+    errors = np.linalg.norm(run.made[:, :19] - run.truth, axis=-1)[:, [1, 4, 6, 9, 11, 13, 16, 18]]
+    of_the_mean = errors.std(0, ddof=1) / np.sqrt(4)
+    np.testing.assert_allclose(list(result["prediction_error"].values()), errors.mean(0), rtol=1e-4)
+    np.testing.assert_allclose(list(result["prediction_error_standard_error"].values()), of_the_mean, rtol=1e-4)
+    # what was made goes on from where the seed has led to
+    np.testing.assert_allclose(run.positions[:, 0, 0, 0], whole[:, 1:11, 0].sum(1), rtol=1e-4, atol=1e-6)
+    assert not np.array_equal(roll_out(checkpoint, small_motion, **{**options, "seed": 3}).seeds, run.seeds)
+
+
+def test_true_motion_is_that_of_the_reference(small_motion):
+    """Every frame counts the same, and the farthest reach of all."""
+    fast = dataclasses.replace(small_motion[10:50:4], fps=30.0)
+    checkpoint = checkpoint_for(small_motion)
+    run = roll_out(checkpoint, small_motion, reference=[small_motion, fast], count=2, frames=30)
+    changes = [metrics.frame_change(checkpoint.representation.encode(m)) for m in (small_motion, fast)]
+    assert changes[1].mean() > 1.5 * changes[0].mean()
+    assert run.true_change == pytest.approx(np.concatenate(changes).mean(), rel=1e-5)
+    assert run.reach == pytest.approx(max(metrics.reach(m.positions) for m in (small_motion, fast)), rel=1e-5)
+    assert metrics.reach(fast.positions) < metrics.reach(small_motion.positions)
+
+
+def test_feet_are_measured_on_the_ground_whatever_drifts():
+    """Sliding at 0.3 m/s for five seconds, standing for five, and sinking by 1 cm/s all the while: 15 cm/s."""
+    skeleton = sample_skeleton()
+    t = np.arange(300)[:, None, None] / 30
+    positions = skeleton.rest_pose() + np.minimum(t, 5) * [0.3, 0, 0] - t * [0, 0.01, 0]
+    motion = Motion(skeleton, 30.0, positions)
+    representation = make_representation("positions", skeleton, 30.0)
+    x = representation.encode(motion)[None]
+    found = flaws(Rollouts(representation, x[:, :10], x[:, 10:40], x[:, 10:], [motion], [motion]))["foot_skate"]
+    assert found["true"] == pytest.approx(15, rel=0.05) and found["generated"] == pytest.approx(15, rel=0.05)
+
+
+def test_a_clip_of_a_folder_is_the_catalogues(small_motion):
+    checkpoint = dataclasses.replace(checkpoint_for(small_motion), provenance={"clips": ["walking/01"]})
+    assert not unseen(checkpoint, small_motion.with_name("samples/walking/01"))

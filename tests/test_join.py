@@ -15,6 +15,7 @@ from tutorial_lib.motion import join as module
 from tutorial_lib.motion.clip import Motion
 from tutorial_lib.motion.join import SEARCH, join, playlist
 from tutorial_lib.motion.retarget import to_common
+from tutorial_lib.motion.skeleton import Skeleton
 from tutorial_lib.recipes import Recipe, trainer_for
 from tutorial_lib.representations import make_representation
 
@@ -156,3 +157,28 @@ def test_windows_reach_over_the_seams(walks):
     whole = playlist(walks, seconds=60)
     sampler = WindowSampler([whole], make_representation("positions", whole.skeleton, 30.0), length=length, batch=2)
     assert sampler.sample().shape[:2] == (2, length)
+
+
+def test_a_blend_is_slow_at_both_ends():
+    """Two who stand, one with an arm 1 m higher: over the blend it rises by t^2 (3 - 2 t)."""
+    skeleton = Skeleton(("a", "b"), (-1, 0), np.array([[0, 0, 0], [0, 1.0, 0]]))
+    low, high = (Motion(skeleton, 30.0, np.tile([[0, 0, 0], [0, y, 0]], (60, 1, 1))) for y in (1.0, 2.0))
+    heights = join([low, high], blend=0.3).positions[:, 1, 1] - 1
+    between = heights[(heights > 1e-9) & (heights < 1 - 1e-9)]
+    t = (np.arange(9) + 0.5) / 9
+    np.testing.assert_allclose(between, t * t * (3 - 2 * t))
+
+
+def test_a_clip_is_not_left_before_it_was_entered(walks):
+    """Clips as short as can be, entered late and left early, one after another: nobody steps back in time."""
+    for first in range(0, 60, 6):
+        parts = [walks[0][k : k + 27] for k in (first, first + 31, first + 12, first + 22)]
+        assert fastest(join(parts, blend=0.3)) < 1.5 * fastest(walks[0]), first
+
+
+def test_no_clip_of_a_playlist_is_followed_by_itself(walks, monkeypatch):
+    orders = []
+    monkeypatch.setattr("tutorial_lib.motion.join.join", lambda motions, **_: orders.append(motions))
+    for seed in range(5):
+        playlist(walks[:3], seconds=200, seed=seed)
+    assert all(a is not b for order in orders for a, b in zip(order, order[1:], strict=False)), orders

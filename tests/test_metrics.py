@@ -351,3 +351,47 @@ def test_real_walking_stands_still_nowhere_and_hardly_slides(real_clips):
     assert 0.7 < reach < 1.5 and not metrics.diverged(motion.positions, reach)
     skate = metrics.foot_skate(motion.positions, metrics.foot_joints(motion.skeleton), 30.0)
     assert 0 < skate < 40  # ankles roll over standing toes
+
+
+def test_a_foot_stands_where_it_is_lowest_for_a_twentieth_of_the_time():
+    positions = np.full((100, 1, 3), 0.3)
+    positions[:10, 0, 1] = 0.08
+    close(metrics.standing_heights(positions, [0]), [0.08])
+
+
+def test_foot_slide_by_hand():
+    """Of 0.1 s at 20 fps, the shortest that is a step: a foot 2 cm a frame aside, 0, 1 and 2 cm above the ground."""
+    x = np.zeros((9, 1, 3))
+    x[:, 0, 2], x[:, 0, 1] = 0.02 * np.arange(9), [0.3, 0.3, 0.3, 0, 0.01, 0.02, 0.3, 0.3, 0.3]
+    expected = 2 * (2 - 2 ** (0.005 / 0.025)) + 2 * (2 - 2 ** (0.015 / 0.025))  # each from half way up
+    for p in both(x):
+        close(metrics.foot_slide(p, [0], 20.0, np.zeros(1)), expected)
+        assert np.isnan(float(metrics.foot_slide(p, [0], 20.0, np.zeros(1), shortest=0.15)))
+
+
+def test_a_distance_that_is_not_a_number_is_out_of_range():
+    distance = np.full(60, 0.9)
+    distance[30] = np.nan
+    close(metrics.range_exit_time(distance, 1.0, 10.0), 2.1)
+
+
+def test_short_bones_are_bones():
+    skeleton = Skeleton(("a", "b", "c"), (-1, 0, 1), np.array([[0, 0, 0], [0, 1.0, 0], [0, 0.02, 0]]))
+    close(metrics.bone_length_drift(np.array([[[0, 0, 0], [0, 1, 0], [0, 1.03, 0]]]), skeleton), [0.25])
+
+
+def test_pose_range_is_the_most_of_any_pose():
+    stick = np.array([[[0, 0, 0], [0, 1.0, 0]]] * 4)
+    odd = stick.copy()
+    odd[2, 1, 1] = 1.4
+    assert metrics.pose_range([stick, stick, odd]) == pytest.approx(0.4 / np.sqrt(2), rel=1e-3)
+
+
+def test_a_statue_has_no_spread_after_it_moved():
+    """Not NaN, which is not stuck, where rounding leaves the mean of squares below the square of the mean."""
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        positions = np.repeat(rng.normal(size=(1, 3, 3)), 40, 0)
+        positions[0] += 3 * rng.normal(size=(3, 3))
+        close(metrics.pose_spread(positions, 10.0, 0.7)[1:], 0, atol=1e-5)
+        close(metrics.stuck_time(positions, 1.0, 10.0, seconds=0.7), 0.1)

@@ -113,3 +113,10 @@ def test_the_command_trains_on_mirror_images_and_says_so(tmp_path):
     header = read_header(out)
     assert header["training"]["mirror"] is True and len(header["provenance"]["clips"]) == 4
     assert header["sway"]["limits"]["speed"] > 1.3, "a vae-lstm brings the gait of its clips"
+
+
+def test_a_joint_turns_in_the_order_of_the_one_that_it_stands_for():
+    skeleton = Skeleton(("Hips", "LeftArm", "RightArm"), (-1, 0, 0), np.eye(3), ("ZYX", "XYZ", "ZXY"))
+    image = mirrored(Motion(skeleton, 30, np.zeros((2, 3, 3)))).skeleton
+    assert image.orders == ("ZYX", "ZXY", "XYZ") and image.names == skeleton.names
+    np.testing.assert_array_equal(image.offsets, skeleton.offsets[[0, 2, 1]] * [-1, 1, 1])

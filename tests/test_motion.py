@@ -276,3 +276,14 @@ def test_settled_undoes_a_drift_and_keeps_a_jump(small_motion):
         assert moved((frames < 20) * 1.0).settled(seconds).positions[:, :, 1].min() > -1e-9
     with pytest.raises(MotionError, match="above zero"):
         m.settled(0)
+
+
+@pytest.mark.parametrize(
+    "fps, to, frames, expected", [(50.0, 24.0, 126, 61), (100.0, 24.0, 126, 31), (25.0, 24.0, 126, 121)]
+)
+def test_resampling_keeps_the_last_frame_whatever_rounding_says(fps, to, frames, expected):
+    """Of 125 steps just 60, 30 or 120 are made: 59.99999999999999 to a processor."""
+    m = spinning(frames, fps)
+    made = m.resample(to)
+    assert len(made) == expected
+    assert np.allclose(made.positions[-1], m.positions[-1])

@@ -408,3 +408,34 @@ def test_the_parts_are_the_slices(name):
     skeleton = data.load("samples/walking")[0].skeleton
     made = make_representation(name, skeleton, 30.0)
     assert set(made.parts) == set(made.slices) and all(made.labels[part] for part in made.slices.values())
+
+
+def test_a_rate_that_is_nearly_right_is_not():
+    motion = wandering(person(), 20, 1)
+    r = make_representation("positions", person(), 30)
+    r.check(motion.resample(29.98))
+    with refuses("runs at 29", "30"):
+        r.check(motion.resample(29.0))
+
+
+def test_who_has_no_direction_faces_z():
+    """Hips and shoulders exactly above each other."""
+    positions = np.zeros((2, 21, 3))
+    positions[..., 1] = person().rest_pose()[:, 1]
+    np.testing.assert_array_equal(heading(person(), positions), [0, 0])
+
+
+def test_a_bone_that_moves_by_half_a_centimetre_is_not_rigid():
+    motion = wandering(person(), 6, 0)
+    stretched = motion.positions.copy()
+    stretched[3, COMMON_JOINTS.index("LeftLeg")] += (0, -0.005, 0)
+    with refuses("'LeftLeg'", "0.5 cm"):
+        make_representation("quaternion", motion.skeleton, 30).encode(
+            Motion(motion.skeleton, 30, stretched, motion.rotations)
+        )
+
+
+def test_a_motion_by_rotations_keeps_its_name():
+    r = make_representation("body-frame", person(), 30)
+    motion = wandering(person(), 4, 0)
+    assert r.decode_turned(r.encode(motion), motion.rotations, name="a").name == "a"

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import torch
 
-from tutorial_lib import cli
+from tutorial_lib import cli, metrics
 from tutorial_lib.data import load
 from tutorial_lib.errors import CheckpointError, DataError, TutorialError
 from tutorial_lib.generate import prepare
@@ -663,3 +663,57 @@ def test_the_latest_failure_is_the_last_of_the_first_ones(boxing):
     assert found["latest"] == {"sample": 1, "rule": "divergence", "seconds": round(290 / 30, 2)} or (
         found["latest"]["sample"] == 1 and found["latest"]["rule"] == "out of range"
     )
+
+
+def test_truth_is_of_the_training_clips(boxing):
+    """Every frame counts the same; only the range of poses looks at test clips too."""
+    clips, representation, _ = boxing
+    short = dataclasses.replace(clips[1][:120:3], fps=30.0)  # three times as fast
+    reaching = clips[4].scaled(1.2)
+    train = [clips[0], short]
+    truth = Truth.of(train, [reaching], representation)
+    changes = [metrics.frame_change(representation.encode(m)) for m in train]
+    assert truth.change == pytest.approx(np.concatenate(changes).mean())
+    spreads = [
+        np.sqrt(np.square(x - x.mean(0)).sum(-1).mean()) for x in (m.positions - m.positions[:, :1] for m in train)
+    ]
+    assert truth.spread == pytest.approx(np.average(spreads, weights=[len(m) for m in train]), rel=1e-4)
+    assert truth.reach == pytest.approx(max(metrics.reach(m.positions) for m in train))
+    assert truth.reach < metrics.reach(reaching.positions)
+    assert len(truth.poses) == sum(-(-len(m) // 5) for m in train), "six a second"
+
+
+def test_a_short_sample_is_held_against_the_rules_as_a_whole(boxing):
+    clips, representation, _ = boxing
+    x = representation.encode(clips[4])
+    found = judged(boxing, np.repeat(x[100:101], 70, 0))  # a statue for two seconds
+    assert counts(found) == {"freezing": 1, "stuck": 1, "divergence": 0, "out of range": 0}
+    jumping = np.repeat(x[100:101], 70, 0)
+    jumping[:10, 3:] += 1.0  # the first step is from the seed to it
+    assert judged(boxing, jumping)["lowest"] > 1
+
+
+def test_the_rules_bounds(boxing):
+    """1.5 times the reach, 1.25 times the range: a little more, and a little less."""
+    clips, representation, truth = boxing
+    x = representation.encode(clips[4])[:310]
+    positions = representation.decode_positions(x)
+    reach, distance = float(metrics.reach(positions[10:])), metrics.pose_distance(positions[10:], truth.poses)
+    for share, count in ((1.45, 0), (1.55, 1)):
+        found = failures(x[None, :10], x[None, 10:], representation, dataclasses.replace(truth, reach=reach / share))
+        assert found["rules"]["divergence"]["count"] == count
+    mean = max(metrics.moving_mean(distance[::5], 6))  # of a second, six poses
+    for share, count in ((1.2, 0), (1.3, 1)):
+        found = failures(x[None, :10], x[None, 10:], representation, dataclasses.replace(truth, range=mean / share))
+        assert found["rules"]["out of range"]["count"] == count
+
+
+def test_stagnations_are_told_of_all_samples(boxing):
+    clips, representation, truth = boxing
+    x = representation.encode(clips[4])[:500]
+    one = np.concatenate([x[:200], np.repeat(x[199:200], 60, 0), x[200:440]])
+    two = np.concatenate([x[:50], np.repeat(x[49:50], 45, 0), x[50:300], np.repeat(x[299:300], 75, 0), x[300:380]])
+    three = np.stack([x, one, two])
+    found = failures(three[:, :10], three[:, 10:], representation, truth)["stagnations"]
+    assert (found["count"], found["samples without"]) == (3, 1)
+    assert 2.4 < found["longest"] < 3.4, "its edges move a little, too"

@@ -369,3 +369,72 @@ def test_data_that_is_not_there(tmp_path):
         dfn.reproduce(str(tmp_path / "wrong"), runs=tmp_path / "runs", tell=lambda line: None)
     with pytest.raises(DataError, match="reproduce dynamic-future-net makes one"):
         dfn.load_result(tmp_path / "none.json")
+
+
+def flattering() -> dict:
+    """The committed result with numbers of which every finding is true."""
+    result = dfn.load_result()
+    for label, run in result["runs"].items():
+        if label in (ACLSTM, VAE):
+            continue
+        fan = run["fan"]
+        fan["data"] = [1.0, 0.1]
+        for entry in fan["prefixes"].values():
+            entry["pairwise"] = np.linspace(0.1, 1.0, len(fan["frames"])).tolist()
+            entry["band"][0] = np.linspace(0.1, 1.0, len(fan["frames"])).tolist()
+            entry["own"] = {**entry["own"], "data": [1.0, 0.1]}
+            entry["seconds"], entry["world"] = 10.0, [1.0, 2.5]
+        for entry in (*run["stability"].values(), *run["stability_short"].values()):
+            entry["count"], entry["bone_drift"] = 0, 1e-5
+        run["copies"].update(generated=[0.1, 0.3, 0.5], held_out=[0.1, 0.2, 0.6])
+        run["data"] = {action: data and {**data, "band": [1.0, 1.0]} for action, data in run["data"].items()}
+        if run["transitions"]:
+            run["transitions"]["kinds"] = 3
+    result["elsewhere"] = {action: [0.1, 0.2, 0.6] for action in ACTIONS}
+    for label, part in (("dancing, 20 s", 0.8), ("dancing, 7 s", 0.6), (NO_FUTURE, 0.8), (NO_TEMPORAL, 0.8)):
+        for entry in result["runs"][label]["fan"]["prefixes"].values():
+            entry["pairwise"] = [part * x for x in entry["pairwise"]]
+    for entry in result["runs"][ACLSTM]["fan"]["prefixes"].values():
+        entry["pairwise"] = [0.0] * len(entry["pairwise"])
+    return result
+
+
+def of(result: dict, label: str, action: str = "dancing") -> dict:
+    return result["runs"][label]["fan"]["prefixes"][action]
+
+
+FIGURE_9, GROWS, PLACED = "Figure 9's band at frame 128", "wherever they stand", "twice as far apart at frame 128"
+ALL_DATA = "The same of all data of all actions"
+
+
+@pytest.mark.parametrize("change, claims", [
+    (lambda r: None, []),
+    (lambda r: r["runs"]["dancing"]["stability"]["dancing"].update(count=1), ["of 20 stay stable: each action alone"]),
+    (lambda r: r["runs"][JOINT]["stability"]["boxing"].update(count=1), ["of 20 stay stable: all together"]),
+    (lambda r: r["runs"][JOINT]["stability_short"]["boxing"].update(count=1), ["of 8 stay stable: all together"]),
+    (lambda r: r["runs"]["dancing, 7 s"]["stability"]["dancing"].update(count=1), ["stable trained on 7 s"]),
+    (lambda r: r["runs"][SHIPPED]["stability"]["boxing"].update(bone_drift=2e-4), ["Bones keep their length"]),
+    (lambda r: of(r, "walking", "walking").update(world=[1.0, 1.9]), [PLACED]),
+    (lambda r: of(r, "walking", "walking").update(pairwise=[1.0] * 32), ["diversity increases", GROWS, "counted too"]),
+    # 1.9 times, and 2.3 times where the first 20 frames count
+    (lambda r: of(r, "walking", "walking").update(pairwise=np.linspace(0.4, 1.0, 32).tolist()), [GROWS]),
+    (lambda r: of(r, "walking", "walking").update(pairwise=np.linspace(0.8, 1.0, 32).tolist()), [GROWS, "counted too"]),
+    (lambda r: of(r, "running", "running")["own"].update(data=[1.3, 0.1]), [FIGURE_9]),
+    (lambda r: of(r, "running", "running")["own"].update(data=[0.8, 0.1]), [FIGURE_9]),
+    (lambda r: r["runs"][JOINT]["fan"].update(data=[1.3, 0.1]), [ALL_DATA]),
+    (lambda r: r["runs"]["boxing"]["data"]["boxing"].update(band=[1.0, 1.3]), ["at least 80 % as much"]),
+    (lambda r: r["runs"][JOINT]["transitions"].update(kinds=2), ["at least 3 of 12 kinds): all together"]),
+    (lambda r: r["runs"][JOINT]["copies"].update(generated=[0.3, 0.19, 0.7]), ["at the median: all together"]),
+    (lambda r: r["elsewhere"].update(boxing=[0.1, 0.4, 0.4]), ["Nor nearer than windows"]),
+    (lambda r: of(r, JOINT).update(seconds=61.0), ["4096 motions"]),
+    (lambda r: of(r, JOINT).update(seconds=31.0, motions=2048), ["4096 motions"]),
+    (lambda r: of(r, "dancing, 20 s").update(pairwise=[0.97] * 32), ["less data, less diversity"]),
+    (lambda r: r["runs"].pop("dancing, 20 s"), ["stable trained on 7 s", "less data, less diversity"]),
+    (lambda r: [of(r, NO_FUTURE, a).update(pairwise=[0.97] * 32) for a in ACTIONS], ["Without the future state"]),
+    (lambda r: of(r, ACLSTM, "boxing").update(pairwise=[0.0, 1e-3]), ["a deterministic network"]),
+])  # fmt: skip
+def test_each_finding_hangs_on_its_own_numbers(change, claims):
+    result = flattering()
+    change(result)
+    wrong = [str(f) for f in dfn.findings(result) if not f.ours]
+    assert len(wrong) == len(claims) and all(a in b for a, b in zip(claims, wrong, strict=True)), wrong

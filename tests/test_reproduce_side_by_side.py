@@ -408,3 +408,53 @@ def test_the_committed_result_is_of_captured_motion_and_has_every_system():
         assert run["recipe"] == Plan().recipe(label).to_dict(), "made by the plan as it stands"
     files = list(side_by_side_networks.NETWORKS.glob("*.safetensors"))
     assert sum(file.stat().st_size for file in files) < 6e6
+
+
+def flattering() -> dict:
+    """The committed result with numbers of which every finding is true."""
+    result = side_by_side.load_result()
+    for name, run in result["runs"].items():
+        run["error"] = [6.0] * 8 if name == VAE else [5.0, 6, 7, 8, 9, 10, 11, 12]
+        run["error"] = [0.4 * e for e in run["error"]] if name.endswith("-hip") else run["error"]
+        failing = name not in ("aclstm", DFN)
+        run["failures"]["first"] = [["freezing", 3.0] if failing else None] * len(run["failures"]["first"])
+    runs = result["runs"]
+    runs["aclstm"]["error"] = [5.5, 6, 7, 7.5, 8, 9, 10, 11]
+    runs[VAE]["error"][-1] = 3.0
+    for walked in runs[VAE]["paths"].values():
+        walked["deviation"]["mean"], walked["before"]["step_length"] = 0.05, 0.6
+    runs[DFN]["error"][0], runs[DFN]["flaws"]["bones"], runs[DFN]["futures"]["pose"][-1] = 5.8, 1e-4, 3.0
+    return result
+
+
+def fails(run: dict, count: int) -> None:
+    first = run["failures"]["first"]
+    run["failures"]["first"] = [["stuck", 1.0]] * count + [None] * (len(first) - count)
+
+
+LEAST = "acRNN, figure 7"
+NOBODY = "No system is among the three"
+
+
+@pytest.mark.parametrize("change, claims", [
+    (lambda r: None, []),
+    (lambda r: r["aclstm"]["error"].__setitem__(4, 9.5), ["from 400 ms on"]),
+    (lambda r: r["aclstm"]["error"].__setitem__(3, 9.5), []),
+    (lambda r: (fails(r["aclstm"], 3), fails(r["erd"], 2)), [LEAST]),
+    (lambda r: [fails(r[name], 0) for name in ("lstm", "erd", "seq2seq", "scheduled-sampling")], [LEAST]),
+    (lambda r: r[VAE]["error"].__setitem__(0, 4.9), ["the systems that are shown the seed"]),
+    (lambda r: r[VAE]["error"].__setitem__(7, 4.9), ["told where to go, it errs least"]),
+    (lambda r: [w["deviation"].update(mean=0.11) for w in r[VAE]["paths"].values()], ["goes where it is told"]),
+    (lambda r: r[VAE]["paths"]["circle"]["before"].update(step_length=0.49), ["goes where it is told"]),
+    (lambda r: r[DFN]["futures"]["pose"].__setitem__(-1, 0.9), ["many futures"]),
+    (lambda r: fails(r[DFN], 1), ["none of its motions"]),
+    (lambda r: r[DFN]["flaws"].update(bones=0.011), ["bones keep their length"]),
+    (lambda r: r["lstm-hip"]["error"].__setitem__(7, 6.1), ["half as much in the hip frame"]),
+    (lambda r: r[DFN]["error"].__setitem__(0, 2.5), [NOBODY]),  # the third least
+    (lambda r: (r[DFN]["error"].__setitem__(0, 2.5), fails(r[DFN], 1)), ["none of its motions"]),
+])  # fmt: skip
+def test_each_finding_hangs_on_its_own_numbers(change, claims):
+    result = flattering()
+    change(result["runs"])
+    wrong = [str(f) for f in side_by_side.findings(result) if not f.ours]
+    assert len(wrong) == len(claims) and all(a in b for a, b in zip(claims, wrong, strict=True)), wrong

@@ -20,7 +20,7 @@ from tutorial_lib.models.vae_lstm import VAELSTM
 from tutorial_lib.recipes import Recipe, sets_of
 from tutorial_lib.reproduce import sources, vae_lstm
 from tutorial_lib.reproduce.published import VAE_LSTM_TABLE_1, VAE_LSTM_TABLE_2
-from tutorial_lib.reproduce.vae_lstm_measure import GIVEN, POSTERIOR, PREDICTED, PRIOR
+from tutorial_lib.reproduce.vae_lstm_measure import GIVEN, PER_STEP, POSTERIOR, PREDICTED, PRIOR
 from tutorial_lib.reproduce.vae_lstm_plan import BASELINES, QUICK, SYSTEMS, VAE, Budget, Plan, name_of
 from tutorial_lib.training.checkpoints import load_checkpoint, read_header
 
@@ -361,3 +361,80 @@ def test_the_committed_result_is_of_captured_motion_and_has_every_system():
         (errors,) = errors.values()
         best = result["tuning"]["rates"][int(np.nanargmin(np.array(errors, dtype=float)))]  # None: it broke off
         assert result["budget"]["learning_rates"][system] == best == result["runs"][system]["recipe"]["learning_rate"]
+
+
+def flattering() -> dict:
+    """The committed result with numbers of which every finding is true."""
+    result = vae_lstm.load_result()
+    for run in result["runs"].values():
+        for way in run["ways"].values():
+            for kind, grows in (("pose", [1, 1, 1, 1, 1]), ("motion", [0.1, 1, 2, 4, 8])):
+                size = 0.01 * (np.ones(5) if run["label"] == VAE else 4 * np.array(grows))
+                way[kind]["error"], way[kind]["squared"] = size.tolist(), (size**2).tolist()
+    for more in result["beyond"].values():
+        for codes in more["diversity"]["codes"].values():
+            codes["given"] = [0.02] * 5
+        for walked in more["paths"].values():
+            walked["deviation"].update(mean=0.02, predicted=0.2)
+            walked["before"].update(step_length=0.6, contact=0.9, slide=8.0)
+            walked["after"].update(slide=1.0)
+        for who in more["steps"].values():
+            who["before"].update(step_length=0.6, slide=8.0)
+            who["after"].update(slide=1.0)
+        more["speed"]["ms"] = {"1": 9.0, "64": 35.0}
+    return result
+
+
+def squared(result: dict, label: str, way: str, kind: str, at: int, value: float) -> None:
+    result["runs"][label]["ways"][way][kind]["squared"][at] = value
+
+
+def path(result: dict, name: str = "zigzag") -> dict:
+    (more,) = result["beyond"].values()
+    return more["paths"][name]
+
+
+def speed(result: dict, one: float, many: float) -> None:
+    (more,) = result["beyond"].values()
+    more["speed"]["ms"] = {"1": one, "64": many}
+
+
+BELOW, PRIOR_1 = "Table 1: from frame 120 on the VAE-LSTM errs less", "Table 1: so does the prior sample"
+GROWS, POSE = "grows by a smaller factor", "Pose error (mean squared)"
+MOTION, WITHIN = "Motion error (mean squared)", "Prior samples (mean squared)"
+TABLE_2, PRIOR_2 = "Table 2: given the true control", "Table 2: so does the prior sample"
+
+
+@pytest.mark.parametrize("change, claims", [
+    (lambda r: None, []),
+    (lambda r: squared(r, "erd", PREDICTED, "motion", 0, 2e-4), ["at frame 70 the baselines"]),
+    (lambda r: squared(r, "erd", PREDICTED, "motion", 0, 0.2), ["at frame 70 the baselines", GROWS]),
+    (lambda r: squared(r, "erd", PREDICTED, "motion", 1, 0.5e-4), ["at frame 90 already"]),
+    (lambda r: squared(r, "erd", PREDICTED, "motion", 2, 0.5e-4), [BELOW, PRIOR_1]),
+    (lambda r: squared(r, VAE, PRIOR, "motion", 2, 100e-4), [PRIOR_1, WITHIN]),
+    (lambda r: squared(r, VAE, PRIOR, "motion", 1, 1.6e-4), [WITHIN]),
+    (lambda r: squared(r, "lstm", PREDICTED, "motion", 4, 2.9e-4), [MOTION]),
+    (lambda r: squared(r, VAE, PRIOR, "pose", 3, 20e-4), [PRIOR_2, WITHIN]),
+    (lambda r: squared(r, "crbm-cd1", GIVEN, "pose", 4, 1.9e-4), [POSE]),
+    (lambda r: squared(r, "crbm-cd1", GIVEN, "pose", 4, 0.9e-4), [TABLE_2, PRIOR_2, POSE]),
+    (lambda r: r["runs"][VAE]["ways"][PER_STEP]["pose"].update(error=[0.009] * 5), ["Section 3.3"]),
+    (lambda r: r["runs"][VAE]["ways"][PER_STEP]["pose"].update(error=[0.0115] * 5), ["Section 3.3"]),
+    (lambda r: [m["diversity"]["codes"]["one"].update(given=[0.02] * 4 + [0.009]) for m in r["beyond"].values()],
+     ["64 motions of one path differ"]),
+    (lambda r: [m["diversity"]["codes"]["held"].update(given=[0.02] * 4 + [0.009]) for m in r["beyond"].values()],
+     ["of codes that are held"]),
+    (lambda r: path(r)["deviation"].update(mean=0.31), ["moved by the control given"]),
+    (lambda r: path(r)["deviation"].update(predicted=0.31), ["moved by the control that it puts out"]),
+    (lambda r: path(r)["before"].update(step_length=0.41), ["It walks there"]),
+    (lambda r: path(r)["before"].update(contact=0.49), ["It walks there"]),
+    (lambda r: path(r)["after"].update(slide=2.1), ["Feet slide less"]),
+    (lambda r: path(r)["before"].update(slide=None), ["Feet slide less"]),
+    (lambda r: speed(r, 10.5, 35.0), ["A second of motion"]),
+    (lambda r: speed(r, 10.0, 40.5), ["what one may", "what one does"]),
+    (lambda r: speed(r, 8.0, 33.0), ["what one does"]),
+])  # fmt: skip
+def test_each_finding_hangs_on_its_own_numbers(change, claims):
+    result = flattering()
+    change(result)
+    wrong = [str(f) for f in vae_lstm.findings(result) if not f.ours]
+    assert len(wrong) == len(claims) and all(a in b for a, b in zip(claims, wrong, strict=True)), wrong

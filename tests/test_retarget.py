@@ -176,3 +176,18 @@ def test_all_clips_of_a_data_set_have_one_skeleton(real_clips, group):
     skeletons = [common_skeleton(read_motion(p).skeleton)[0] for p in paths[:: max(1, len(paths) // 5)]]
     for s in skeletons[1:]:
         assert s.same_tree(skeletons[0]) and np.abs(s.offsets - skeletons[0].offsets).max() < 1e-9
+
+
+@pytest.mark.parametrize("turn", [None, Rotation.from_euler("xyz", [0.3, 2.0, -1.0])])
+def test_shoulders_that_begin_in_one_point_leave_it_to_the_arms(turn):
+    """As CMU's do: the chest's own frame is then told by the arms."""
+    offsets = OFFSETS.copy()
+    for side in ("Left", "Right"):
+        offsets[INDEX[side + "Arm"], 0] += offsets[INDEX[side + "Shoulder"], 0]
+        offsets[INDEX[side + "Shoulder"], 0] = 0.0
+    plain = body("cmu-bvh")
+    source = Skeleton(plain.names, PARENTS, offsets if turn is None else turn.apply(offsets))
+    skeleton, turns = common_skeleton(source)
+    assert np.allclose(skeleton.offsets, np.vstack((np.zeros(3), offsets[1:])), atol=1e-4)
+    if turn is not None:
+        assert quat_angle(turns[INDEX["Chest"]], turn.as_quat()[[3, 0, 1, 2]]) < 2e-3

@@ -290,3 +290,73 @@ def test_steps_are_counted_each(walks):
     assert float(foot_slide(x, feet, FPS, standing=np.zeros(4))) == pytest.approx(stands / 3, abs=0.2)
     x[63:, :, 1] += 0.2  # the last step is now from frame 60 to 62
     assert float(foot_slide(x, feet, FPS, standing=np.zeros(4))) == pytest.approx((19 + 19) / 30 * 10 / 2, abs=0.2)
+
+
+def walker(motion: Motion, hertz: float = 0.9, seconds: float = 12.0, fps: float = FPS, size: float = 1.0,
+           speed: float = 1.2, swing=None) -> Motion:  # fmt: skip
+    """Somebody stiff who goes along z, but for the feet and a sway that is known: 3 cm to the left and 0.1 rad with the
+    stride's sine, 1 cm ahead with twice its cosine, and a centimetre aside that is not the stride's."""
+    t = np.arange(round(seconds * fps)) / fps
+    phase = 2 * np.pi * hertz * t
+    left = size * (0.03 * np.sin(phase) + 0.01 * np.sin(2 * np.pi * 1.37 * t))
+    ahead, angle = size * 0.01 * np.cos(2 * phase), size * 0.1 * np.sin(phase)
+    x, _, z = control_facing(motion)
+    pose = motion.rotate_y(-np.arctan2(x, z)).positions[0]
+    pose = pose - pose[0] * [1, 0, 1]
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    body = np.stack(
+        [c * pose[:, 0] + s * pose[:, 2], np.tile(pose[:, 1], (len(t), 1)), c * pose[:, 2] - s * pose[:, 0]], -1
+    )
+    apart = 0.35 * np.cos(phase) if swing is None else swing(t)
+    foot, _, other, _ = foot_joints(motion.skeleton)
+    for node, side in ((foot, 0.5), (other, -0.5)):
+        along = 2 * side * apart
+        body[:, node] = np.stack([s[:, 0] * along, 0 * t + 0.1, c[:, 0] * along], -1)
+    body += np.stack([left, 0 * t, speed * t + ahead], -1)[:, None]
+    return Motion(motion.skeleton, fps, body)
+
+
+def test_the_sway_found_is_the_one_put_in(walks):
+    sway = fit_sway([walker(walks[0]), walker(walks[0], 1.0)])
+    at = [np.interp(1.2, sway.speeds, sway.offsets[:, 0, c, n]) for c, n in ((0, 1), (1, 2), (2, 1))]
+    assert at == pytest.approx([0.03, 0.01, 0.1], rel=0.06)
+    assert np.interp(1.2, sway.speeds, sway.frequency) == pytest.approx(0.95, abs=0.02)
+    assert sway.spread == pytest.approx(0.05 / 0.95, rel=0.1), "of 0.9 and 1.0 strides a second"
+    assert fit_sway([walker(walks[0])]).spread < 0.01
+
+
+def test_what_is_not_explained_is_a_share_and_the_rate_of_a_clip_does_not_matter(walks):
+    usual, wide, fast = (
+        fit_sway([walker(walks[0], **values)]) for values in ({}, {"size": 2.0}, {"fps": 60.0, "seconds": 12.02})
+    )
+    assert 0.2 < usual.residual[0] < 0.7, "a centimetre beside three"
+    assert wide.residual[0] == pytest.approx(usual.residual[0], rel=0.05)
+    np.testing.assert_allclose(fast.offsets[3], usual.offsets[3], atol=2e-3)
+
+
+def test_who_swings_their_feet_on_the_spot_does_not_walk(walks):
+    assert find_strides(walker(walks[0], speed=0.0)).steps > 10
+    with pytest.raises(MotionError, match="nobody walks"):
+        fit_sway([walker(walks[0], speed=0.0)])
+
+
+def test_who_turns_faster_than_was_seen_sways_no_more():
+    offsets = np.zeros((2, 2, 3, 2))
+    offsets[:, 1, 2, 0] = 0.1  # radians with the cosine, of a rad/s of turning
+    sway = Sway(np.array([0.0, 5.0]), np.ones(2), offsets, 0.0, np.zeros(3))
+    for turning, seen in ((0.6, 0.6), (-2.4, -1.2), (2.4, 1.2)):
+        control = np.tile([turning, 1.0, 0.0], (20, 1))
+        assert float(sway.added_to(control, FPS).heading) == pytest.approx(0.1 * seen)
+
+
+def test_a_step_that_is_hardly_one_is_none(walks):
+    """The right foot passes by 3 cm only: five centimetres are needed, and all peaks on the left are one step."""
+    shuffling = walker(walks[0], swing=lambda t: 0.1 + 0.115 * np.cos(2 * np.pi * 0.9 * t))
+    assert find_strides(shuffling).steps == 1
+    longest = walker(walks[0], swing=lambda t: (0.1 + 0.01 * t / 12) + 0.115 * np.cos(2 * np.pi * 0.9 * t))
+    assert find_strides(longest).times[0] > 10, "the longest of them"
+
+
+def test_steps_more_than_0_9_seconds_apart_are_no_walk(walks):
+    slow = find_strides(walker(walks[0], hertz=0.4))
+    assert slow.steps > 5 and np.isnan(slow.phase).all() and slow.cadence == 0

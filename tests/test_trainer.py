@@ -422,3 +422,30 @@ def test_importing_changes_nothing():
         "assert 'matplotlib' not in sys.modules and 'IPython' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=PROJECT)
+
+
+def test_the_loss_told_is_the_mean_of_the_last_hundred_steps():
+    trainer = make_trainer(steps=130).run(progress=False)
+    assert trainer.loss == pytest.approx(np.mean(trainer.history["loss"][-100:]))
+
+
+def test_seconds_are_those_of_all_runs():
+    trainer = make_trainer(steps=3)
+    trainer.seconds = 50.0  # as of a run before
+    trainer.run(progress=False)
+    assert 50 < trainer.seconds < 100
+
+
+def test_resume_of_another_system_is_refused(tmp_path):
+    """Of the very same network, trained otherwise."""
+    path = tmp_path / "run.safetensors"
+    make_trainer(path).run(progress=False, max_seconds=0)
+    trainer = make_trainer(path)
+    trainer.system.name = "aclstm"
+    with pytest.raises(CheckpointError, match="system 'aclstm': it was started with 'lstm'"):
+        trainer.resume()
+
+
+def test_a_trainer_on_a_device_that_is_not_there_is_refused():
+    with pytest.raises(TutorialError, match="cannot compute on device 'meta'"):
+        make_trainer(device="meta")

@@ -340,3 +340,30 @@ def test_what_the_loss_cannot_be():
 def test_configuration_comes_back_from_json():
     config = VAELSTMConfig(**SMALL)
     assert VAELSTMConfig(**{**dataclasses.asdict(config), "control": [6, 9]}) == config
+
+
+@pytest.mark.parametrize("latent", ["per-step", "one"])
+def test_the_posterior_is_the_inference_network_without_a_last_activation(latent):
+    """A mean may lie anywhere; one code for the whole motion is told by all of its steps."""
+    model, pose = small(latent=latent), numbers(2, 12, 6)
+    with torch.no_grad():
+        mean, log_variance = model.infer(3 * pose)
+        y, net = 3 * pose.transpose(1, 2), model.inference
+        y = conv1d(pad(y, (2, 2), mode="replicate"), net.first.weight, net.first.bias)
+        y = torch.from_numpy(elu(y.numpy())).unflatten(-1, (-1, 2)).amax(-1)
+        y = conv1d(pad(y, (2, 2), mode="replicate"), net.second.weight, net.second.bias)
+        y = y.unflatten(-1, (-1, 2)).amax(-1).transpose(1, 2)  # (2, 3, 16)
+        y = y.mean(1, keepdim=True) if latent == "one" else y
+        torch.testing.assert_close(torch.cat((mean, log_variance), -1), y)
+        net.second.bias.fill_(-100.0)
+        mean, log_variance = model.infer(pose)
+    assert mean.max() < -50 and (log_variance == -12).all(), "a deviation is not below 0.0025"
+
+
+def test_dropout_leaves_out_the_share_that_it_is_told():
+    """Without pooling, and a frame at a time, a number that is left out is one that has no gradient."""
+    torch.manual_seed(0)
+    encoder = Encoder(3, 4, VAELSTMConfig(**{**SMALL, "dropout": 0.4, "pooling": 1, "kernel": 1})).train()
+    x = numbers(1, 3000, 3).requires_grad_()
+    encoder(x).sum().backward()
+    assert (x.grad == 0).double().mean().item() == pytest.approx(0.4, abs=0.02)
