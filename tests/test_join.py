@@ -174,11 +174,3 @@ def test_a_clip_is_not_left_before_it_was_entered(walks):
     for first in range(0, 60, 6):
         parts = [walks[0][k : k + 27] for k in (first, first + 31, first + 12, first + 22)]
         assert fastest(join(parts, blend=0.3)) < 1.5 * fastest(walks[0]), first
-
-
-def test_no_clip_of_a_playlist_is_followed_by_itself(walks, monkeypatch):
-    orders = []
-    monkeypatch.setattr("tutorial_lib.motion.join.join", lambda motions, **_: orders.append(motions))
-    for seed in range(5):
-        playlist(walks[:3], seconds=200, seed=seed)
-    assert all(a is not b for order in orders for a, b in zip(order, order[1:], strict=False)), orders
