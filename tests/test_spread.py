@@ -146,3 +146,8 @@ def test_a_machine_that_does_not_see_the_folder_is_told(monkeypatch, tmp_path):
     board, caller = spread._Board(tmp_path / "away" / "board"), spread._Caller.here()
     outcome = spread._work(place, (1,), 0, board, caller)
     assert isinstance(outcome.error, TutorialError) and "all machines share" in str(outcome.error)
+
+
+def test_no_jobs_are_refused():
+    with pytest.raises(TutorialError, match="the number of jobs must be 1 or more, not 0"):
+        side_by_side(place, [(0,), (1,)], jobs=0)
