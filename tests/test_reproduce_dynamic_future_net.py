@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from findings import assert_only_wrong
 
 from tutorial_lib import cli, data
 from tutorial_lib.data.windows import evaluation_windows
@@ -22,7 +23,7 @@ from tutorial_lib.representations import BodyFrame
 from tutorial_lib.reproduce import dynamic_future_net as dfn
 from tutorial_lib.reproduce import dynamic_future_net_measure
 from tutorial_lib.reproduce.dynamic_future_net_fan import data_fan, joints_of
-from tutorial_lib.reproduce.dynamic_future_net_measure import copies, stability
+from tutorial_lib.reproduce.dynamic_future_net_measure import copies, stability, truth_of
 from tutorial_lib.reproduce.dynamic_future_net_plan import (
     ACLSTM,
     ACTIONS,
@@ -247,7 +248,8 @@ def test_a_mirror_image_that_a_network_was_shown_is_no_failure(monkeypatch):
     protocol = dataclasses.replace(QUICK["protocol"], stable=2)
     sets = {"boxing": boxes[:3]}, {"boxing": boxes[3:]}
     for mirror, fail in ((False, 2), (True, 0)):
-        found, _ = stability(as_trained(representation, mirror=mirror), *sets, protocol)
+        checkpoint = as_trained(representation, mirror=mirror)
+        found, _ = stability(checkpoint, truth_of(checkpoint, *sets), sets[1], protocol)
         assert found["boxing"]["count"] == fail, found["boxing"]["first"]
 
 
@@ -436,5 +438,4 @@ ALL_DATA = "The same of all data of all actions"
 def test_each_finding_hangs_on_its_own_numbers(change, claims):
     result = flattering()
     change(result)
-    wrong = [str(f) for f in dfn.findings(result) if not f.ours]
-    assert len(wrong) == len(claims) and all(a in b for a, b in zip(claims, wrong, strict=True)), wrong
+    assert_only_wrong(dfn.findings(result), claims)

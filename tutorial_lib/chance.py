@@ -5,9 +5,10 @@ from __future__ import annotations
 import numbers
 import operator
 
+import numpy as np
 import torch
 
-from .errors import TutorialError
+from .errors import MotionError, TutorialError
 
 
 def is_whole(value: object) -> bool:
@@ -24,6 +25,14 @@ def check_whole(what: str, value: object, least: int = 1) -> None:
     """``TutorialError`` unless ``value`` is a whole number of ``least`` or more."""
     if not is_whole(value) or value < least:
         raise TutorialError(f"{what} must be a whole number of {least} or more, not {value!r}")
+
+
+def numbers_of(values: object, what: str) -> np.ndarray:
+    """``values`` as an array of float64; ``MotionError`` for what is ragged, or text."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise MotionError(f"{what}: expected numbers, found {type(values).__name__}") from None
 
 
 def whole_seed(seed: object) -> int:

@@ -18,7 +18,7 @@ from .errors import CheckpointError, MotionError, TutorialError
 from .generate import prepare_for, representation_of
 from .models.vae_lstm import VAELSTM
 from .models.variational import gaussian_sample
-from .motion.clip import Motion
+from .motion.clip import Motion, same_rate
 from .training.checkpoints import Checkpoint
 
 CHUNK = 1024  # frames made at once; a longer motion is made in such pieces, which nothing in it shows
@@ -306,7 +306,7 @@ def check_control(checkpoint: Checkpoint, control: np.ndarray | Tensor, *, fps: 
         raise MotionError(
             f"control of shape {values.shape}: the network follows (frames, {len(names)}), {', '.join(names)}"
         )
-    if fps is not None and not (is_real(fps) and abs(fps - representation.fps) <= 1e-3 * representation.fps):
+    if fps is not None and not (is_real(fps) and same_rate(fps, representation.fps)):
         told = f"{fps:g}" if is_real(fps) else repr(fps)
         raise MotionError(
             f"control at {told} frames per second, the network was trained at {representation.fps:g}: expected that"

@@ -70,10 +70,10 @@ class Futures:
         return (self.motion(k) for k in range(len(self)))
 
     @torch.no_grad()
-    def features(self, frames: slice = slice(None)) -> np.ndarray:
-        """Features ``(K, n', D)`` of some of the n generated frames, float32; positions in the body's frame are
-        among them."""
-        codes, pose = self.made.code[:, frames], self.network.pose
+    def features(self, frames: slice = slice(None), motions: slice = slice(None)) -> np.ndarray:
+        """Features ``(K', n', D)`` of some of the n generated frames of some of the K motions, float32; positions in
+        the body's frame are among them."""
+        codes, pose = self.made.code[motions, frames], self.network.pose
         parts = codes.split(max(1, 65_536 // max(1, codes.shape[1])))  # thousands at once need no more memory
         return torch.cat([pose.features(pose.decode(part)).cpu() for part in parts]).numpy()
 

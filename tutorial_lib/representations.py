@@ -31,7 +31,7 @@ import numpy as np
 import torch
 
 from .errors import MotionError, TutorialError
-from .motion.clip import Motion
+from .motion.clip import Motion, same_rate
 from .motion.rotations import (
     Array,
     euler_to_quat,
@@ -309,7 +309,7 @@ class Representation(ABC):
 
     def check(self, motion: Motion) -> None:
         """Raise ``MotionError`` unless ``encode`` can take this motion; the message names both sides."""
-        if abs(motion.fps - self.fps) > 1e-3 * self.fps:
+        if not same_rate(motion.fps, self.fps):
             raise MotionError(
                 f"{_called(motion)} runs at {motion.fps:g} frames per second, the representation "
                 f"{self.name!r} at {self.fps:g}: expected motion.resample({self.fps:g})"

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..chance import numbers_of
 from ..errors import MotionError
 from ..metrics import moving_mean
 from ..motion.clip import Motion
 from ..motion.ground import check_path, path_length, path_offset
 from ..representations import heading_joints
-from .signals import check_fps, numbers_of
+from .signals import check_fps
 
 STRIDE = 1.1  # s; hip and shoulders sway once a stride, and 0.9 to 1.1 strides a second are walked
 PASSED = 0.3  # m; a place of the path is passed by somebody who comes as near as this

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..chance import is_real
+from ..chance import is_real, numbers_of
 from ..errors import MotionError
 from ..motion.ground import GroundPath, braked, check_path, path_length
 from ..representations import measure_control
-from .signals import LIMITS, LONGEST_TIME, Limits, check_fps, numbers_of, tell
+from .signals import LIMITS, LONGEST_TIME, Limits, check_fps, tell
 
 _TOLD = 0.9  # a speed that falls below this share of the one asked for is told
 _SPOT = 1e-4  # m; a curve that turns within less than this is turned on the spot

@@ -11,9 +11,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from ..chance import is_real, is_whole
+from ..chance import is_real, is_whole, numbers_of
 from ..errors import MotionError
-from ..motion.clip import Motion
+from ..motion.clip import Motion, same_rate
 from ..motion.ground import BRAKE, SIDEWAYS_LIMIT, TURNING_LIMIT
 from ..representations import HipFrame, integrate_control, measure_control
 
@@ -63,7 +63,7 @@ def control_of(motion: Motion, fps: float | None = None) -> np.ndarray:
     Raises ``MotionError`` where the skeleton has no hips and shoulders to tell a direction by.
     """
     fps = motion.fps if fps is None else check_fps(fps)
-    if abs(motion.fps - fps) > 1e-3 * fps:
+    if not same_rate(motion.fps, fps):
         motion = motion.resample(fps)
     frame = HipFrame(motion.skeleton, motion.fps)
     return frame.encode(motion)[:, frame.slices["control"]]
@@ -219,13 +219,6 @@ def _check_seconds(what: str, seconds) -> float:
     if not (is_real(seconds) and 0 <= seconds <= LONGEST_TIME):
         raise MotionError(f"{what} of {seconds!r} s, expected 0 to {LONGEST_TIME:g}")
     return float(seconds)
-
-
-def numbers_of(values, what: str) -> np.ndarray:
-    try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise MotionError(f"{what}: expected numbers, found {type(values).__name__}") from None
 
 
 def tell(note: str) -> None:

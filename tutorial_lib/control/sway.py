@@ -21,11 +21,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..chance import check_whole, is_real
+from ..chance import check_whole, is_real, numbers_of
 from ..errors import MotionError
-from ..motion.clip import Motion
+from ..motion.clip import Motion, same_rate
 from ..representations import heading, heading_joints, integrate_control, measure_control
-from .signals import LIMITS, SWAY_BLUR, Limits, NoGait, blurred, check_control, check_fps, limits_of, numbers_of
+from .signals import LIMITS, SWAY_BLUR, Limits, NoGait, blurred, check_control, check_fps, limits_of
 from .strides import find_strides
 
 HARMONICS = 4  # of the stride
@@ -187,7 +187,7 @@ def fit_sway(motions: Iterable[Motion], fps: float = 30.0, harmonics: int = HARM
 def _swaying(motion: Motion, fps: float, harmonics: int) -> tuple[np.ndarray, ...] | None:
     """Of the frames of a clip in which somebody walks: speed, turning, strides a second; and, as they change a second,
     the three offsets ``(n, 3)`` and the waves ``(n, 2 N)``, both without what a blur leaves."""
-    if abs(motion.fps - fps) > 1e-3 * fps:
+    if not same_rate(motion.fps, fps):
         motion = motion.resample(fps)
     strides = find_strides(motion)
     place = motion.positions[:, heading_joints(motion.skeleton)[0]][:, [0, 2]]

@@ -266,6 +266,11 @@ def whole_ratio(fps: float, rate: float) -> int:
     return round(ratio) if round(ratio) >= 1 and abs(ratio - round(ratio)) < 1e-4 * ratio else 0
 
 
+def same_rate(fps: float, expected: float) -> bool:
+    """Whether two frame rates are taken for one: within a thousandth, as files round them."""
+    return abs(fps - expected) <= 1e-3 * expected
+
+
 def settled_positions(positions: np.ndarray, fps: float, seconds: float = 1.0) -> np.ndarray:
     """``Motion.settled`` for an array ``(T, J, 3)``; what is not finite stays so, and spoils the frames about it."""
     from scipy.ndimage import grey_opening

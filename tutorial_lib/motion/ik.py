@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..chance import numbers_of
 from ..errors import MotionError
 from .clip import Motion
 from .rotations import matrix_to_quat, quat_between, quat_mul, quat_rotate
@@ -54,10 +55,7 @@ def rotations_from_positions(
 
 
 def _numbers(what: str, values: np.ndarray, last: tuple[int, int]) -> np.ndarray:
-    try:
-        values = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise MotionError(f"{what}: expected numbers, found {type(values).__name__}") from None
+    values = numbers_of(values, what)
     if values.ndim != 3 or values.shape[1:] != last:
         raise MotionError(f"{what} of shape {values.shape}, expected (T, {last[0]}, {last[1]})")
     if not np.isfinite(values).all():

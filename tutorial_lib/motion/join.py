@@ -14,7 +14,7 @@ import numpy as np
 
 from ..chance import is_real, whole_seed
 from ..errors import MotionError
-from .clip import Motion, some_names
+from .clip import Motion, same_rate, some_names
 from .rotations import quat_slerp
 
 SEARCH = 1.5  # seconds at the end of one clip, and at the beginning of the next, in which the best place is looked for
@@ -45,7 +45,7 @@ def join(motions: Sequence[Motion], *, blend: float = 0.3, search: float = SEARC
     for motion in motions:
         if not motion.skeleton.same_tree(first.skeleton):
             raise MotionError(f"join: {motion.name!r} has another skeleton than {first.name!r}")
-        if abs(motion.fps - first.fps) > 1e-3 * first.fps:
+        if not same_rate(motion.fps, first.fps):
             raise MotionError(f"join: {motion.name!r} has {motion.fps:g} frames a second, {first.name!r} {first.fps:g}")
         if len(motion) < 3 * size:
             raise MotionError(

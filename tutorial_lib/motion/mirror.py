@@ -10,9 +10,8 @@ from .clip import Motion
 from .skeleton import Skeleton
 
 # How the known skeletons call the two sides: at the beginning of a name, or at its end.
-_BEGINNINGS = (("Left", "Right"), ("l", "r"))
-_ENDS = (("_L", "_R"),)
-_SURE = ("Left", "Right", "_L", "_R")  # a name in "l" or "r" may be one in the middle: lowerback, root
+_WORDS, _LETTERS = ("Left", "Right"), ("l", "r")  # a name in a letter may be one in the middle: lowerback, root
+_BEGINNINGS, _ENDS = (_WORDS, _LETTERS), (("_L", "_R"),)
 _ACROSS = np.array([-1.0, 1.0, 1.0])  # of a place or a bone
 _TURNED = np.array([1.0, 1.0, -1.0, -1.0])  # of a quaternion: M R M for the mirror M
 
@@ -46,7 +45,7 @@ def other_side(skeleton: Skeleton) -> list[int]:
     other = [next((index[n] for n in _swapped(name) if n in index), j) for j, name in enumerate(skeleton.names)]
     for j, name in enumerate(skeleton.names):
         side = _without_end(name)[0]
-        if other[j] == j and (side.startswith(_SURE[:2]) or side.endswith(_SURE[2:])):
+        if other[j] == j and (side.startswith(_WORDS) or any(side.endswith(end) for end in _ENDS)):
             above = skeleton.parents[j]
             hangs = f", which hangs from {skeleton.names[above]!r}," if above >= 0 else ""
             raise MotionError(f"no mirror image: {name!r}{hangs} has no partner on the other side")

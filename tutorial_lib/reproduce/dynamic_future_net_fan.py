@@ -76,15 +76,14 @@ def fan(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol:
             checkpoint, protocol.fan_frames, prefix=prefix, count=protocol.fan if network.many else protocol.pairs
         )
         seconds = time.process_time() - start
-        features = made.features()
-        curve = joints_of(representation, features[:, CURVE - 1 :: CURVE])  # (K, n, P)
+        curve = joints_of(representation, made.features(slice(CURVE - 1, None, CURVE)))  # (K, n, P)
         own = mean_distance_band(poses[action][:, None])
         entry = {
             "motions": len(made),
             "seconds": round(seconds, 2),
             **compared(curve, whole, protocol),
             "own": {"data": _band(own), "coverage": compared(curve, own, protocol)["coverage"]},
-            "world": apart_in_the_world(representation, features[: protocol.pairs], protocol),
+            "world": apart_in_the_world(representation, made.features(motions=slice(protocol.pairs)), protocol),
         }
         if network.figures:
             entry["latent"] = latent_points(made, protocol)

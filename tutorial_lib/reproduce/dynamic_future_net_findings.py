@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .dynamic_future_net_plan import ACLSTM, JOINT, LIMITED, NO_FUTURE, NO_TEMPORAL, SHIPPED
+from .dynamic_future_net_plan import ACLSTM, JOINT, LIMITED, NO_FUTURE, NO_TEMPORAL, SHIPPED, Protocol
 from .dynamic_future_net_tables import (
     DANCES,
     alone,
@@ -54,10 +54,13 @@ def _stable(result: Result) -> list[Finding]:
                                                                      counts.items())  # fmt: skip
 
     found = []
-    for key, given in (("stability", "prefix"), ("stability_short", "short_prefix")):
+    protocol = result["protocol"]
+    prefixes = {"stability": protocol["prefix"],
+                "stability_short": protocol.get("short_prefix", Protocol.short_prefix)}  # fmt: skip
+    for key, given in prefixes.items():
         for what, runs in _kinds(result).items():
             measured = runs if all(key in run for run in runs.values()) else {}
-            claim = f"Section 6.1: {frames} frames from prefixes of {result['protocol'].get(given, 8)} stay stable"
+            claim = f"Section 6.1: {frames} frames from prefixes of {given} stay stable"
             found.append(_held(f"{claim}: {what}", measured, lambda runs=runs, key=key: told(runs, key)))
     everything = nets(result)
 

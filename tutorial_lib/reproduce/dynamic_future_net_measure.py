@@ -121,13 +121,14 @@ def measure(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, netwo
     """All that is told of one network. Clips are of its size and frame rate, as ``generate.prepare_for`` makes them."""
     if network.system == "vae-lstm":
         return {"fan": vae_fan(checkpoint, test_clips, protocol)}
+    truth = truth_of(checkpoint, train_clips, test_clips)
     if network.system == "aclstm":
-        return {"stability": stability(checkpoint, train_clips, test_clips, protocol)[0],
+        return {"stability": stability(checkpoint, truth, test_clips, protocol)[0],
                 "fan": deterministic_fan(checkpoint, test_clips, protocol)}  # fmt: skip
-    found, windows = stability(checkpoint, train_clips, test_clips, protocol)
+    found, windows = stability(checkpoint, truth, test_clips, protocol)
     return {
         "stability": found,
-        "stability_short": stability(checkpoint, train_clips, test_clips, protocol, prefix=protocol.short_prefix)[0],
+        "stability_short": stability(checkpoint, truth, test_clips, protocol, prefix=protocol.short_prefix)[0],
         "copies": copies(checkpoint, train_clips, test_clips, windows, protocol),
         "fan": fan(checkpoint, train_clips, test_clips, protocol, network),
         "data": {action: data_fan(checkpoint.representation, clips, protocol) for action, clips in train_clips.items()},
@@ -140,13 +141,8 @@ def measure(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, netwo
 # --- stability ------------------------------------------------------------------------------------
 
 
-def stability(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, protocol: Protocol,
-              prefix: int | None = None) -> tuple[dict[str, Any], np.ndarray]:  # fmt: skip
-    """Motions of 900 frames by the rules of :mod:`.failures`, from prefixes of each action; and the motions' features.
-
-    ``prefix``: how many frames a Dynamic Future Net is given, by default those of the protocol.
-
-    True motion is what all training clips of the network are: a joint network may change its action. If it was shown
+def truth_of(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips) -> Truth:
+    """True motion is what all training clips of the network are: a joint network may change its action. If it was shown
     their mirror images, these poses are true, too: who boxes with the other hand in front has not left what people do.
     """
     representation = checkpoint.representation
@@ -155,6 +151,16 @@ def stability(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, pro
     if checkpoint.training.get("mirror"):
         others = mirrored(Motion(representation.skeleton, representation.fps, truth.poses)).positions
         truth = dataclasses.replace(truth, poses=np.concatenate((truth.poses, others)))
+    return truth
+
+
+def stability(checkpoint: Checkpoint, truth: Truth, test_clips: Clips, protocol: Protocol,
+              prefix: int | None = None) -> tuple[dict[str, Any], np.ndarray]:  # fmt: skip
+    """Motions of 900 frames by the rules of :mod:`.failures`, from prefixes of each action; and the motions' features.
+
+    ``prefix``: how many frames a Dynamic Future Net is given, by default those of the protocol.
+    """
+    representation = checkpoint.representation
     frames = (prefix or protocol.prefix) if checkpoint.system == "dynamic-future-net" else SEED_FRAMES
     found, everything = {}, []
     for action, clips in test_clips.items():
@@ -198,20 +204,19 @@ def copies(checkpoint: Checkpoint, train_clips: Clips, test_clips: Clips, made: 
                                if len(x) >= protocol.window])  # fmt: skip
 
     trained = [clip for clips in train_clips.values() for clip in clips]
-    held = [windows(encoded(representation, clips), protocol.window // 3) for clips in test_clips.values()
-            if any(len(m) >= protocol.window for m in clips)]  # fmt: skip
     stride = max(1, sum(map(len, trained)) // DATA_WINDOWS)
-    asked = {"generated": windows(made, 2 * protocol.window), "held_out": np.concatenate(held)}
-    nearest = {name: np.full(len(each), np.inf, np.float32) for name, each in asked.items()}
+    asked = [windows(made, 2 * protocol.window),
+             *(windows(encoded(representation, clips), protocol.window // 3) for clips in test_clips.values()
+               if any(len(m) >= protocol.window for m in clips))]  # fmt: skip
+    nearest = [np.full(len(each), np.inf, np.float32) for each in asked]
     for shown in ways_shown(trained, checkpoint.training):
         among = windows(encoded(representation, shown), stride)
-        for name, each in asked.items():
-            nearest[name] = np.minimum(nearest[name], nearest_window(each, among))
-    even = np.linspace(0, 1, 1001)
-    each_alike = [np.quantile(x, even) for x in np.split(nearest["held_out"], np.cumsum([len(x) for x in held])[:-1])]
-    nearest["held_out"] = np.concatenate(each_alike)
-    return {"window": protocol.window,
-            **{name: rounded(np.quantile(each, (0.25, 0.5, 0.75))) for name, each in nearest.items()}}  # fmt: skip
+        nearest = [np.minimum(near, nearest_window(each, among)) for near, each in zip(nearest, asked, strict=True)]
+    generated, *held = nearest
+    alike = np.concatenate([np.quantile(each, np.linspace(0, 1, 1001)) for each in held])  # as many of each action
+    quartiles = {name: rounded(np.quantile(each, (0.25, 0.5, 0.75)))
+                 for name, each in (("generated", generated), ("held_out", alike))}  # fmt: skip
+    return {"window": protocol.window, **quartiles}
 
 
 def ways_shown(clips: Sequence[Motion], training: Mapping[str, Any]) -> Iterator[list[Motion]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from .dynamic_future_net_plan import (
     NO_TEMPORAL,
     SHIPPED,
     VAE,
+    Protocol,
 )
 from .results import RESULTS, Result, number, numbers
 
@@ -127,18 +128,23 @@ def note(result: Result) -> str:
     return text + ("; QUICK TRIAL, nothing is learnt" if result["quick"] else "")
 
 
-def _diversity(result: Result) -> ErrorTable | None:
-    first, last = result["protocol"]["at"]
-    groups: dict[str, dict[str, list[float]]] = {}
+def _fans(result: Result) -> Iterator[tuple[str, str, dict[str, Any], dict[str, Any]]]:
+    """The whole networks' fans: name of the group, action, network, entry."""
     for label, run in runs_of(result, (SHIPPED, JOINT, *ACTIONS)).items():
         name = "each alone" if label in ACTIONS else NETWORKS[label].title
         for action, entry in run["fan"]["prefixes"].items():
-            pairwise = at_times(result, run, action)
-            groups.setdefault(name, {})[action] = [
-                *pairwise, growth(result, run, action), at_times(result, run, action, "band")[-1],
-                entry["own"]["data"][0], run["fan"]["data"][0], 100 * number(entry["own"]["coverage"]),
-                100 * number(entry["coverage"]), entry["seconds"],
-            ]  # fmt: skip
+            yield name, action, run, entry
+
+
+def _diversity(result: Result) -> ErrorTable | None:
+    first, last = result["protocol"]["at"]
+    groups: dict[str, dict[str, list[float]]] = {}
+    for name, action, run, entry in _fans(result):
+        groups.setdefault(name, {})[action] = [
+            *at_times(result, run, action), growth(result, run, action), at_times(result, run, action, "band")[-1],
+            entry["own"]["data"][0], run["fan"]["data"][0], 100 * number(entry["own"]["coverage"]),
+            100 * number(entry["coverage"]), entry["seconds"],
+        ]  # fmt: skip
     if not groups:
         return None
     columns = [f"apart {first}", f"apart {last}", "ratio", f"band {last}", "data's, action", "data's, all",
@@ -150,11 +156,9 @@ def _diversity(result: Result) -> ErrorTable | None:
 def _world(result: Result) -> ErrorTable | None:
     first, last = result["protocol"]["at"]
     groups: dict[str, dict[str, list[float]]] = {}
-    for label, run in runs_of(result, (SHIPPED, JOINT, *ACTIONS)).items():
-        name = "each alone" if label in ACTIONS else NETWORKS[label].title
-        for action, entry in run["fan"]["prefixes"].items():
-            if "world" in entry:
-                groups.setdefault(name, {})[action] = [*entry["world"], growth_in_the_world(result, run, action)]
+    for name, action, run, entry in _fans(result):
+        if "world" in entry:
+            groups.setdefault(name, {})[action] = [*entry["world"], growth_in_the_world(result, run, action)]
     for action, run in alone(result).items():
         if "world" in (run["data"][action] or {}):
             apart = numbers(run["data"][action]["world"])
@@ -198,7 +202,7 @@ def _stability(result: Result) -> ErrorTable | None:
     if not groups:
         return None
     fails = f"fail of {result['protocol']['stable']}"
-    shortest = f"from {result['protocol'].get('short_prefix', 8)} frames"
+    shortest = f"from {result['protocol'].get('short_prefix', Protocol.short_prefix)} frames"
     columns = [fails, shortest, "standstills", "least change", "slide cm", "true slide", "bones %"]
     caption = (
         f"Open loop, {result['protocol']['frames']} frames after a prefix never trained on, by the rules of lesson 3"
